@@ -1,0 +1,105 @@
+"""What every recording gives: a stereo rig and two event streams, read in step and in slabs."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpvo.calibration import StereoRig
+
+
+@dataclass(frozen=True)
+class Events:
+    """Events of one camera in order of time.
+
+    Attributes
+    ----------
+    x, y
+        (N,) uint16, column and row of the raw (distorted) pixel, origin top left.
+    t
+        (N,) float64, seconds since the recording's start, not decreasing.
+    polarity
+        (N,) bool, True where the pixel became brighter.
+    """
+
+    x: NDArray[np.uint16]
+    y: NDArray[np.uint16]
+    t: NDArray[np.float64]
+    polarity: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, index: slice | NDArray) -> Events:
+        return Events(self.x[index], self.y[index], self.t[index], self.polarity[index])
+
+    def between(self, start: float, stop: float) -> Events:
+        """Events with start <= t < stop, in seconds."""
+        first, last = np.searchsorted(self.t, [start, stop], side="left")
+        return self[first:last]
+
+    @staticmethod
+    def empty() -> Events:
+        """No events."""
+        pixels = np.empty(0, np.uint16)
+        return Events(pixels, pixels, np.empty(0), np.empty(0, bool))
+
+    @staticmethod
+    def concatenate(parts: Sequence[Events]) -> Events:
+        """Join consecutive parts of one stream."""
+        if not parts:
+            return Events.empty()
+        return Events(
+            np.concatenate([part.x for part in parts]),
+            np.concatenate([part.y for part in parts]),
+            np.concatenate([part.t for part in parts]),
+            np.concatenate([part.polarity for part in parts]),
+        )
+
+
+@dataclass(frozen=True)
+class StereoEvents:
+    """Left and right events of the same time interval [start, stop), in seconds."""
+
+    start: float
+    stop: float
+    left: Events
+    right: Events
+
+
+class Recording(ABC):
+    """A stereo event recording on disk or in memory.
+
+    Attributes
+    ----------
+    path
+        Where it was read from.
+    rig
+        The calibrated stereo rig.
+    start_ns
+        Absolute stamp of t = 0 (the first event of either camera), int64 nanoseconds.
+    duration
+        Seconds from the first event of either camera to the last.
+    """
+
+    path: Path
+    rig: StereoRig
+    start_ns: int
+    duration: float
+
+    @abstractmethod
+    def slabs(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
+        """Yield consecutive slabs that together cover [start, stop) seconds.
+
+        Memory stays bounded: a slab is a fraction of a second. Left and right of a slab cover
+        the same interval, and slabs without events are yielded too, so that gaps are seen.
+        """
+
+    def stamp_ns(self, t: float) -> int:
+        """Absolute stamp in nanoseconds of a time in seconds since the start."""
+        return self.start_ns + round(t * 1e9)
