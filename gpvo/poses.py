@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from gpvo.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,10 +21,126 @@ class StampedPoses:
         (N,) int64, absolute nanoseconds.
     T_world_cam
         (N, 4, 4) float64 rigid transforms.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, a number is not finite or the stamps do not increase.
     """
 
     stamps_ns: NDArray[np.int64]
     T_world_cam: NDArray[np.float64]
 
+    def __post_init__(self) -> None:
+        if self.T_world_cam.shape != (len(self.stamps_ns), 4, 4):
+            raise InputError(
+                f"{len(self.stamps_ns)} stamps do not fit poses of shape {self.T_world_cam.shape}"
+            )
+        if not np.isfinite(self.T_world_cam).all():
+            raise InputError("poses must be finite numbers")
+        late = np.flatnonzero(np.diff(self.stamps_ns) <= 0)
+        if len(late):
+            index = int(late[0]) + 1
+            raise InputError(
+                f"stamps must increase, but pose {index} at {seconds_text(self.stamps_ns[index])} s"
+                f" follows one at {seconds_text(self.stamps_ns[index - 1])} s"
+            )
+
     def __len__(self) -> int:
         return len(self.stamps_ns)
+
+    def __getitem__(self, index: slice | NDArray) -> StampedPoses:
+        return StampedPoses(self.stamps_ns[index], self.T_world_cam[index])
+
+    @property
+    def seconds(self) -> NDArray[np.float64]:
+        """(N,) seconds since the first pose."""
+        return (self.stamps_ns - self.stamps_ns[0]) * 1e-9
+
+    @property
+    def rotations(self) -> NDArray[np.float64]:
+        """(N, 3, 3) rotations R_world_cam."""
+        return self.T_world_cam[:, :3, :3]
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """(N, 3) positions of the camera in the world, metres."""
+        return self.T_world_cam[:, :3, 3]
+
+    def between(self, start_ns: int, stop_ns: int) -> StampedPoses:
+        """Poses with start_ns <= stamp <= stop_ns."""
+        first = np.searchsorted(self.stamps_ns, start_ns, side="left")
+        last = np.searchsorted(self.stamps_ns, stop_ns, side="right")
+        return self[first:last]
+
+    def interpolate(self, stamps_ns: ArrayLike) -> StampedPoses:
+        """Poses at the given increasing stamps, linear in position and in rotation (slerp).
+
+        Raises
+        ------
+        InputError
+            If there are fewer than two poses, or a stamp lies before the first or after the last.
+        """
+        query = np.asarray(stamps_ns, np.int64)
+        self._require_cover(query)
+        right = np.clip(np.searchsorted(self.stamps_ns, query, side="right"), 1, len(self) - 1)
+        left = right - 1
+        step_ns = self.stamps_ns[right] - self.stamps_ns[left]
+        fraction = ((query - self.stamps_ns[left]) / step_ns)[:, None]
+
+        start = Rotation.from_matrix(self.rotations[left])
+        turn = (start.inv() * Rotation.from_matrix(self.rotations[right])).as_rotvec()
+        rotations = (start * Rotation.from_rotvec(fraction * turn)).as_matrix()
+        positions = (1.0 - fraction) * self.positions[left] + fraction * self.positions[right]
+        return StampedPoses(query, rigid_transforms(rotations, positions))
+
+    def _require_cover(self, query: NDArray[np.int64]) -> None:
+        if len(self) < 2:
+            raise InputError("interpolation needs at least two poses")
+        if len(query) and (query.min() < self.stamps_ns[0] or query.max() > self.stamps_ns[-1]):
+            raise InputError(
+                f"poses cover {seconds_text(self.stamps_ns[0])} to"
+                f" {seconds_text(self.stamps_ns[-1])} s, not {seconds_text(query.min())} to"
+                f" {seconds_text(query.max())} s"
+            )
+
+    def seen_from(self, T_cam_body: NDArray[np.float64]) -> StampedPoses:
+        """T_world_body of a body that is fixed to the camera, given its pose T_cam_body (4, 4)."""
+        return StampedPoses(self.stamps_ns, self.T_world_cam @ T_cam_body)
+
+    def in_world(self, T_new_world: NDArray[np.float64]) -> StampedPoses:
+        """The same poses expressed in another world frame, given T_new_world (4, 4)."""
+        return StampedPoses(self.stamps_ns, T_new_world @ self.T_world_cam)
+
+
+def rigid_transforms(
+    rotations: NDArray[np.float64], positions: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(N, 4, 4) transforms of rotations (N, 3, 3) and positions (N, 3)."""
+    transforms = np.zeros((len(positions), 4, 4))
+    transforms[:, :3, :3] = rotations
+    transforms[:, :3, 3] = positions
+    transforms[:, 3, 3] = 1.0
+    return transforms
+
+
+def inverse_transforms(transforms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inverses (..., 4, 4) of rigid transforms (..., 4, 4)."""
+    inverses = np.zeros_like(transforms)
+    inverses[..., :3, :3] = np.swapaxes(transforms[..., :3, :3], -1, -2)
+    inverses[..., :3, 3] = -np.einsum(
+        "...ji,...j->...i", transforms[..., :3, :3], transforms[..., :3, 3]
+    )
+    inverses[..., 3, 3] = 1.0
+    return inverses
+
+
+def quaternions(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 4) unit quaternions x, y, z, w with w >= 0 of rotations (N, 3, 3)."""
+    return Rotation.from_matrix(rotations).as_quat(canonical=True)
+
+
+def seconds_text(stamp_ns: int) -> str:
+    """Seconds with nine decimals, exactly."""
+    sign, magnitude = "-" if stamp_ns < 0 else "", abs(int(stamp_ns))
+    return f"{sign}{magnitude // 10**9}.{magnitude % 10**9:09d}"

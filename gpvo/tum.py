@@ -1,0 +1,121 @@
+"""The TUM trajectory format: ``t tx ty tz qx qy qz qw``, seconds and metres, one pose a line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gpvo.errors import InputError
+from gpvo.poses import StampedPoses, quaternions, rigid_transforms, seconds_text
+
+QUATERNION_NORM_TOLERANCE = 1e-2
+"""Files with two decimals still pass; anything further from 1 is not a rotation."""
+
+
+def tum_lines(poses: StampedPoses) -> list[str]:
+    """Lines of a TUM file with their line ends; stamps are exact, numbers have nine decimals."""
+    values = np.hstack([poses.positions, quaternions(poses.rotations)])
+    tidy = np.round(values, 9) + 0.0  # no "-0.000000000"
+    return [
+        " ".join([seconds_text(stamp), *(f"{value:.9f}" for value in row)]) + "\n"
+        for stamp, row in zip(poses.stamps_ns.tolist(), tidy.tolist(), strict=True)
+    ]
+
+
+class TumWriter:
+    """Write a TUM file pose by pose; every pose is on disk as a whole line when append returns.
+
+    >>> with TumWriter("trajectory.tum") as writer:
+    ...     writer.append(stamp_ns, T_world_cam)
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self._file = open(path, "w", encoding="ascii", newline="\n")  # noqa: SIM115
+
+    def append(self, stamp_ns: int, T_world_cam: NDArray[np.float64]) -> None:
+        """Append one pose (4, 4) at an absolute stamp."""
+        pose = StampedPoses(np.array([stamp_ns], np.int64), np.asarray(T_world_cam)[None])
+        self._file.write(tum_lines(pose)[0])
+        self._file.flush()
+
+    def __enter__(self) -> TumWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._file.close()
+
+
+def write_tum(path: Path | str, poses: StampedPoses) -> None:
+    """Write poses as a TUM file."""
+    Path(path).write_bytes("".join(tum_lines(poses)).encode("ascii"))
+
+
+def read_tum(path: Path | str) -> StampedPoses:
+    """Read a TUM file; comments (#), empty lines and commas between the numbers are allowed.
+
+    Raises
+    ------
+    InputError
+        Naming the file and the line that cannot be used.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a text file ({error})") from error
+    return parse_tum(text.splitlines(), str(path))
+
+
+def parse_tum(lines: Iterable[str], name: str) -> StampedPoses:
+    """Poses of the lines of a TUM file; `name` stands in error messages."""
+    stamps: list[int] = []
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, start=1):
+        fields = line.split("#", 1)[0].replace(",", " ").split()
+        if fields:
+            stamp, row = _parse_fields(fields, f"{name}:{number}")
+            if stamps and stamp <= stamps[-1]:
+                raise InputError(
+                    f"{name}:{number}: the stamp {fields[0]} does not come after the one before;"
+                    " sort the file by time and remove repeated lines"
+                )
+            stamps.append(stamp)
+            rows.append(row)
+    if not rows:
+        raise InputError(f"{name}: holds no pose; expected lines 't tx ty tz qx qy qz qw'")
+    values = np.array(rows)
+    rotations = Rotation.from_quat(values[:, 3:]).as_matrix()
+    return StampedPoses(np.array(stamps, np.int64), rigid_transforms(rotations, values[:, :3]))
+
+
+def _parse_fields(fields: list[str], place: str) -> tuple[int, list[float]]:
+    if len(fields) != 8:
+        raise InputError(f"{place}: has {len(fields)} numbers where 't tx ty tz qx qy qz qw' has 8")
+    try:
+        stamp, row = _nanoseconds(fields[0]), [float(field) for field in fields[1:]]
+    except (ValueError, InvalidOperation) as error:
+        raise InputError(f"{place}: is not eight numbers, the first in seconds") from error
+    if not np.isfinite(row).all():
+        raise InputError(f"{place}: holds a number that is not finite")
+    norm = float(np.linalg.norm(row[3:]))
+    if abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE:
+        raise InputError(f"{place}: the quaternion has norm {norm:.4g}, not 1")
+    return stamp, row
+
+
+def _nanoseconds(seconds: str) -> int:
+    """Nearest nanosecond of a decimal number of seconds, without the rounding of a float."""
+    nanoseconds = Decimal(seconds) * 10**9
+    if not abs(nanoseconds) < 2**63:
+        raise ValueError("not a number of seconds since the epoch")
+    return int(nanoseconds.to_integral_value())
