@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from types import TracebackType
 
@@ -103,7 +103,7 @@ def _parse_fields(fields: list[str], place: str) -> tuple[int, list[float]]:
         raise InputError(f"{place}: has {len(fields)} numbers where 't tx ty tz qx qy qz qw' has 8")
     try:
         stamp, row = _nanoseconds(fields[0]), [float(field) for field in fields[1:]]
-    except (ValueError, InvalidOperation) as error:
+    except (ValueError, ArithmeticError) as error:
         raise InputError(f"{place}: is not eight numbers, the first in seconds") from error
     if not np.isfinite(row).all():
         raise InputError(f"{place}: holds a number that is not finite")
