@@ -1,0 +1,95 @@
+"""Express an estimate in the ground truth's world: by its first pose or by least squares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gpvo.errors import InputError
+from gpvo.poses import StampedPoses, inverse_transforms, rigid_transforms
+
+AlignmentMethod = Literal["se3", "sim3", "yaw", "first", "none"]
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Similarity p_new = scale · rotation · p + translation."""
+
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    scale: float = 1.0
+
+    def apply(self, poses: StampedPoses) -> StampedPoses:
+        """The poses in the new world; orientations turn, positions are scaled, turned and moved."""
+        positions = self.scale * poses.positions @ self.rotation.T + self.translation
+        rotations = self.rotation @ poses.rotations
+        return StampedPoses(poses.stamps_ns, rigid_transforms(rotations, positions))
+
+
+def find_alignment(
+    estimate: StampedPoses, ground_truth: StampedPoses, method: AlignmentMethod = "se3"
+) -> Alignment:
+    """Transform that takes the estimate's world to the ground truth's.
+
+    Parameters
+    ----------
+    estimate, ground_truth
+        Poses with the same stamps (or associated one to one).
+    method
+        "se3": least squares over all positions (Umeyama 1991); "sim3": the same with scale;
+        "yaw": least squares over translation and turns about the world's z axis, for ground
+        truths whose z is vertical, after the first poses were aligned; "first": the first poses
+        coincide; "none": leave the estimate where it is.
+    """
+    if method == "none":
+        return Alignment(np.eye(3), np.zeros(3))
+    if method == "first":
+        return first_pose_alignment(estimate, ground_truth)
+    if method == "yaw":
+        return yaw_alignment(estimate, ground_truth)
+    return umeyama_alignment(estimate.positions, ground_truth.positions, method == "sim3")
+
+
+def first_pose_alignment(estimate: StampedPoses, ground_truth: StampedPoses) -> Alignment:
+    """The first poses coincide, in position and in orientation."""
+    T = ground_truth.T_world_cam[0] @ inverse_transforms(estimate.T_world_cam[0])
+    return Alignment(T[:3, :3], T[:3, 3])
+
+
+def umeyama_alignment(
+    points: NDArray[np.float64], targets: NDArray[np.float64], with_scale: bool = False
+) -> Alignment:
+    """Least-squares similarity that takes points (N, 3) to targets (N, 3).
+
+    On a straight path the turn about the line is free; one of the equally good ones is returned.
+    Source: S. Umeyama, "Least-squares estimation of transformation parameters between two point
+    patterns", PAMI 1991, equations 34 to 43.
+    """
+    centre, target_centre = points.mean(axis=0), targets.mean(axis=0)
+    covariance = (targets - target_centre).T @ (points - centre) / len(points)
+    U, singular_values, Vt = np.linalg.svd(covariance)
+    no_mirror = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
+    rotation = U @ np.diag(no_mirror) @ Vt
+    scale = 1.0
+    if with_scale:
+        variance = np.mean(np.sum((points - centre) ** 2, axis=1))
+        if variance == 0.0:
+            raise InputError("the estimate does not move, so that its scale cannot be aligned")
+        scale = float(singular_values @ no_mirror / variance)
+    return Alignment(rotation, target_centre - scale * rotation @ centre, scale)
+
+
+def yaw_alignment(estimate: StampedPoses, ground_truth: StampedPoses) -> Alignment:
+    """First poses aligned, then least squares over translation and the turn about world z."""
+    first = first_pose_alignment(estimate, ground_truth)
+    points, targets = first.apply(estimate).positions, ground_truth.positions
+    centre, target_centre = points.mean(axis=0), targets.mean(axis=0)
+    covariance = (targets - target_centre).T @ (points - centre)
+    yaw = np.arctan2(covariance[1, 0] - covariance[0, 1], covariance[0, 0] + covariance[1, 1])
+    turn = Rotation.from_rotvec([0.0, 0.0, yaw]).as_matrix()
+    translation = turn @ (first.translation - centre) + target_centre
+    return Alignment(turn @ first.rotation, translation)

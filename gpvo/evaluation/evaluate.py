@@ -1,0 +1,189 @@
+"""Everything that one estimate's evaluation says, from two trajectories."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from rich.console import Group
+
+from gpvo.errors import InputError
+from gpvo.evaluation.alignment import AlignmentMethod, first_pose_alignment
+from gpvo.evaluation.paper import (
+    FrameTransform,
+    PoseErrors,
+    global_error,
+    motion_integrals,
+    relative_error,
+)
+from gpvo.evaluation.tables import global_error_table, relative_error_table, summary_table
+from gpvo.evaluation.trajectory_error import (
+    TrajectoryError,
+    absolute_trajectory_error,
+    pose_progress,
+    relative_pose_error,
+)
+from gpvo.poses import StampedPoses, seconds_text
+
+ATE_ALIGNMENTS: tuple[AlignmentMethod, ...] = ("se3", "sim3", "yaw", "first", "none")
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The errors of one estimate; prints as tables with rich, saves as JSON.
+
+    Attributes
+    ----------
+    name
+        What the tables call the estimate.
+    estimate, ground_truth
+        Poses at the same stamps; the estimate's first pose is moved onto the true one.
+    global_error, relative_error
+        The paper's errors; the relative one lacks the first stamp.
+    ate
+        Absolute trajectory error by alignment method.
+    rpe
+        Relative pose error over one second and over one metre.
+    coverage
+        Part of the ground truth's time that the estimate covers, 0 to 1.
+    """
+
+    name: str
+    estimate: StampedPoses
+    ground_truth: StampedPoses
+    global_error: PoseErrors
+    relative_error: PoseErrors
+    ate: dict[AlignmentMethod, TrajectoryError]
+    rpe: dict[str, TrajectoryError]
+    coverage: float
+
+    @property
+    def path_length(self) -> float:
+        """Metres that the ground truth travels."""
+        return motion_integrals(self.ground_truth)["translation"]
+
+    @property
+    def distances(self) -> NDArray[np.float64]:
+        """(N,) metres that the ground truth has travelled at every stamp."""
+        return pose_progress(self.ground_truth, "metres")
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers by name; what is undefined (percent of a path at rest) is None."""
+        stamps_ns = self.estimate.stamps_ns
+        return _without_nan(
+            {
+                "name": self.name,
+                "poses": len(stamps_ns),
+                "start": seconds_text(stamps_ns[0]),
+                "duration_s": float(self.estimate.seconds[-1]),
+                "coverage": self.coverage,
+                "path_length_m": self.path_length,
+                "rotation_integral_rad": self.global_error.motion["rotation"],
+                "global_error": self.global_error.to_dict(),
+                "relative_error": self.relative_error.to_dict(),
+                "ate": {method: error.to_dict() for method, error in self.ate.items()},
+                "rpe": {distance: error.to_dict() for distance, error in self.rpe.items()},
+            }
+        )
+
+    def to_json(self) -> str:
+        """The numbers as indented JSON."""
+        return json.dumps(self.to_dict(), indent=2) + "\n"
+
+    def __rich__(self) -> Group:
+        return Group(
+            global_error_table([self]), relative_error_table([self]), summary_table([self])
+        )
+
+
+def evaluate(
+    estimate: StampedPoses,
+    ground_truth: StampedPoses,
+    *,
+    name: str = "gpvo",
+    stamps_ns: ArrayLike | None = None,
+    step: float = 0.01,
+    aligned_at: FrameTransform = "step",
+) -> Evaluation:
+    """Compare an estimate with the ground truth, both interpolated at the same stamps.
+
+    Parameters
+    ----------
+    estimate, ground_truth
+        T_world_cam of the same camera, each in a world frame of its own.
+    name
+        What the tables call the estimate.
+    stamps_ns
+        Where to compare, for instance at a competitor's states; those outside the common time
+        are left out. By default every `step` seconds of the common time.
+    aligned_at
+        Frame transform of the relative error, see `relative_error`.
+
+    Raises
+    ------
+    InputError
+        If the two have less than two stamps in common.
+    """
+    if stamps_ns is None:
+        stamps_ns = common_stamps(estimate, ground_truth, step)
+    stamps = common_part(stamps_ns, estimate, ground_truth)
+    truth = ground_truth.interpolate(stamps)
+    sampled = estimate.interpolate(stamps)
+    aligned = first_pose_alignment(sampled, truth).apply(sampled)
+    return Evaluation(
+        name=name,
+        estimate=aligned,
+        ground_truth=truth,
+        global_error=global_error(aligned, truth),
+        relative_error=relative_error(aligned, truth, aligned_at),
+        ate={m: absolute_trajectory_error(sampled, truth, m) for m in ATE_ALIGNMENTS},
+        rpe={
+            "1 s": relative_pose_error(aligned, truth, 1.0, "seconds"),
+            "1 m": relative_pose_error(aligned, truth, 1.0, "metres"),
+        },
+        coverage=float((stamps[-1] - stamps[0]) * 1e-9 / ground_truth.seconds[-1]),
+    )
+
+
+def common_stamps(
+    estimate: StampedPoses, ground_truth: StampedPoses, step: float = 0.01
+) -> NDArray[np.int64]:
+    """Stamps every `step` seconds of the time that both cover, its end left out."""
+    start, stop = _common_interval(estimate, ground_truth)
+    return np.arange(start, stop, round(step * 1e9), dtype=np.int64)
+
+
+def common_part(
+    stamps_ns: ArrayLike, estimate: StampedPoses, ground_truth: StampedPoses
+) -> NDArray[np.int64]:
+    """The stamps that both cover; at least two."""
+    stamps = np.asarray(stamps_ns, np.int64)
+    start, stop = _common_interval(estimate, ground_truth)
+    inside = stamps[(stamps >= start) & (stamps <= stop)]
+    if len(inside) < 2:
+        raise InputError(
+            f"nothing to compare: the estimate covers {_interval_text(estimate)} and the ground"
+            f" truth {_interval_text(ground_truth)}; check that both use the same clock"
+        )
+    return inside
+
+
+def _common_interval(estimate: StampedPoses, ground_truth: StampedPoses) -> tuple[int, int]:
+    start = max(estimate.stamps_ns[0], ground_truth.stamps_ns[0])
+    stop = min(estimate.stamps_ns[-1], ground_truth.stamps_ns[-1])
+    return int(start), int(stop)
+
+
+def _interval_text(poses: StampedPoses) -> str:
+    return f"{seconds_text(poses.stamps_ns[0])} to {seconds_text(poses.stamps_ns[-1])} s"
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(entry) for key, entry in value.items()}
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,148 @@
+"""evo-style absolute trajectory error (ATE) and relative pose error (RPE).
+
+Definitions of J. Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gpvo.errors import InputError
+from gpvo.evaluation.alignment import Alignment, AlignmentMethod, find_alignment
+from gpvo.evaluation.statistics import Statistics
+from gpvo.poses import StampedPoses, inverse_transforms
+
+DeltaUnit = Literal["frames", "seconds", "metres"]
+Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
+
+
+@dataclass(frozen=True)
+class TrajectoryError:
+    """Translation error in metres and rotation error in radians."""
+
+    translation: Statistics
+    rotation: Statistics
+    scale: float = 1.0
+
+    @staticmethod
+    def of(T_error: NDArray[np.float64], scale: float = 1.0) -> TrajectoryError:
+        """Summary of error transforms (N, 4, 4)."""
+        distances = np.linalg.norm(T_error[:, :3, 3], axis=1)
+        return TrajectoryError(
+            Statistics.of(distances), Statistics.of(rotation_angles(T_error)), scale
+        )
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain numbers by name."""
+        parts = {"translation": self.translation.to_dict(), "rotation": self.rotation.to_dict()}
+        return {**parts, "scale": self.scale}
+
+
+def rotation_angles(transforms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) rotation angles, in radians, of transforms (N, 4, 4)."""
+    if len(transforms) == 0:
+        return np.empty(0)
+    return Rotation.from_matrix(transforms[:, :3, :3]).magnitude()
+
+
+def absolute_trajectory_error(
+    estimate: StampedPoses,
+    ground_truth: StampedPoses,
+    alignment: AlignmentMethod | Alignment = "se3",
+) -> TrajectoryError:
+    """ATE: the aligned estimate against the truth at the same stamps (or associated poses).
+
+    Parameters
+    ----------
+    estimate, ground_truth
+        As many poses of one as of the other.
+    alignment
+        Method of `find_alignment`, or an alignment found before.
+    """
+    if not isinstance(alignment, Alignment):
+        alignment = find_alignment(estimate, ground_truth, alignment)
+    aligned = alignment.apply(estimate)
+    T_error = inverse_transforms(ground_truth.T_world_cam) @ aligned.T_world_cam
+    return TrajectoryError.of(T_error, alignment.scale)
+
+
+def relative_pose_error(
+    estimate: StampedPoses,
+    ground_truth: StampedPoses,
+    delta: float = 1.0,
+    unit: DeltaUnit = "frames",
+    all_pairs: bool = True,
+    pairs_from: StampedPoses | None = None,
+) -> TrajectoryError:
+    """RPE: the estimated motion over a distance in frames, seconds or metres against the true one.
+
+    Parameters
+    ----------
+    estimate, ground_truth
+        As many poses of one as of the other.
+    delta, unit
+        The distance.
+    all_pairs
+        Start a pair at every pose, overlapping, or only where the pair before ends.
+    pairs_from
+        Trajectory whose stamps and path choose the pairs, the ground truth by default.
+    """
+    first, last = pose_pairs(pairs_from or ground_truth, delta, unit, all_pairs)
+    motion = relative_motions(estimate, first, last)
+    true_motion = relative_motions(ground_truth, first, last)
+    return TrajectoryError.of(inverse_transforms(true_motion) @ motion)
+
+
+def relative_motions(
+    poses: StampedPoses, first: NDArray[np.intp], last: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """(M, 4, 4) transforms T_first_last of pairs of poses."""
+    return inverse_transforms(poses.T_world_cam[first]) @ poses.T_world_cam[last]
+
+
+def pose_pairs(poses: StampedPoses, delta: float, unit: DeltaUnit, all_pairs: bool) -> Pairs:
+    """Indices of the first and last pose of every pair that is `delta` apart."""
+    if not delta > 0.0 or (unit == "frames" and delta != int(delta)):
+        raise InputError(f"RPE over {delta} {unit}: needs a positive (for frames: whole) number")
+    progress = pose_progress(poses, unit)
+    if all_pairs:
+        return _overlapping_pairs(progress, delta)
+    return _chained_pairs(progress, delta)
+
+
+def pose_progress(poses: StampedPoses, unit: DeltaUnit) -> NDArray[np.float64]:
+    """(N,) how far every pose is from the first in frames, seconds or metres along the path."""
+    if unit == "frames":
+        return np.arange(len(poses), dtype=np.float64)
+    if unit == "seconds":
+        return poses.seconds
+    path_steps = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(path_steps)])
+
+
+def _overlapping_pairs(progress: NDArray[np.float64], delta: float) -> Pairs:
+    """From every pose to the later one nearest to `delta` further, if within a tenth of it."""
+    first = np.arange(len(progress) - 1)
+    wanted = progress[first] + delta
+    above = np.clip(np.searchsorted(progress, wanted), first + 1, len(progress) - 1)
+    below = np.maximum(above - 1, first + 1)
+    nearer_below = wanted - progress[below] <= progress[above] - wanted
+    last = np.where(nearer_below, below, above)
+    close = np.abs(progress[last] - wanted) <= 0.1 * delta
+    return first[close], last[close]
+
+
+def _chained_pairs(progress: NDArray[np.float64], delta: float) -> Pairs:
+    """From each chosen pose to the first one at least `delta` further, which is chosen next."""
+    chosen = [0]
+    tolerance = 1e-9 * delta  # 0.1 s three times is not quite 0.3 s
+    while True:
+        following = int(np.searchsorted(progress, progress[chosen[-1]] + delta - tolerance))
+        if following >= len(progress):
+            return np.array(chosen[:-1], np.intp), np.array(chosen[1:], np.intp)
+        chosen.append(following)
