@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from rich.markup import escape
 from rich.table import Table
 
 from gpvo.evaluation.paper import COMPONENTS, Component
@@ -13,8 +14,8 @@ if TYPE_CHECKING:
     from gpvo.evaluation.evaluate import Evaluation
 
 COMPONENT_LABELS: dict[Component, str] = {
-    "translation": "tran. [m]",
-    "rotation": "rota. [rad]",
+    "translation": "tran. (m)",
+    "rotation": "rota. (rad)",
     "se3": "SE(3)",
 }
 
@@ -26,7 +27,7 @@ def global_error_table(evaluations: Sequence[Evaluation]) -> Table:
         for component in COMPONENTS:
             numbers = evaluation.global_error.statistics(component)
             table.add_row(
-                evaluation.name if component == COMPONENTS[0] else "",
+                escape(evaluation.name) if component == COMPONENTS[0] else "",
                 COMPONENT_LABELS[component],
                 f"{numbers.max:.3f}",
                 f"{numbers.max_percent:.2f} %",
@@ -45,7 +46,7 @@ def relative_error_table(evaluations: Sequence[Evaluation]) -> Table:
         for component in COMPONENTS:
             numbers = evaluation.relative_error.statistics(component)
             table.add_row(
-                evaluation.name if component == COMPONENTS[0] else "",
+                escape(evaluation.name) if component == COMPONENTS[0] else "",
                 COMPONENT_LABELS[component],
                 *(f"{1e3 * value:.2f}e-3" for value in (numbers.max, numbers.rms, numbers.std)),
             )
@@ -67,7 +68,7 @@ def summary_table(evaluations: Sequence[Evaluation]) -> Table:
     table = Table(title="Trajectory error (RMSE)", title_justify="left")
     table.add_column("")
     for evaluation in evaluations:
-        table.add_column(evaluation.name, justify="right")
+        table.add_column(escape(evaluation.name), justify="right")
     columns = [_summary(evaluation) for evaluation in evaluations]
     for label in columns[0]:
         table.add_row(label, *(column[label] for column in columns))

@@ -1,0 +1,171 @@
+"""Plots of paths and errors as PNG files, the same bytes for the same input.
+
+The world of every plot is the first camera: x to the right, y down, z forward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, StrMethodFormatter
+from numpy.typing import ArrayLike
+
+from gpvo.evaluation.paper import from_first_pose
+from gpvo.poses import StampedPoses
+
+if TYPE_CHECKING:
+    from gpvo.evaluation.evaluate import Evaluation
+
+TRUTH_COLOUR = "#555555"
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Of M. Okabe and K. Ito, told apart by colour-blind readers too."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of time worth shading, in absolute nanoseconds."""
+
+    start_ns: int
+    stop_ns: int
+    label: str
+    colour: str = "#999999"
+
+
+def path_figure(estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None) -> Figure:
+    """Paths from above and from the side, each seen from its own first pose.
+
+    Give poses over a common time, as an `Evaluation` holds them, or the paths start at different
+    places of the same motion.
+    """
+    figure = new_figure(9.0, 4.6)
+    above, side = figure.subplots(1, 2)
+    for name, positions, style in _paths(estimates, ground_truth):
+        x, y, z = positions.T
+        above.plot(x, z, label=name, **style)
+        side.plot(z, -y, label=name, **style)
+    for axes, title in ((above, "from above"), (side, "from the side")):
+        axes.plot(0.0, 0.0, "o", color="black", markersize=4, zorder=5)
+        axes.set_title(title)
+        axes.set_aspect("equal", adjustable="datalim")
+    _label(above, "right [m]", "forward [m]")
+    _label(side, "forward [m]", "up [m]")
+    shared_legend(figure, above)
+    return figure
+
+
+def _paths(
+    estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None
+) -> Iterable[tuple[str, np.ndarray, dict]]:
+    if ground_truth is not None:
+        style = {"color": TRUTH_COLOUR, "linewidth": 2.2}
+        yield "ground truth", from_first_pose(ground_truth)[:, :3, 3], style
+    for (name, poses), colour in zip(estimates.items(), colours(len(estimates)), strict=True):
+        yield name, from_first_pose(poses)[:, :3, 3], {"color": colour, "linewidth": 1.4}
+
+
+def error_figure(
+    evaluations: Sequence[Evaluation],
+    over: str = "time",
+    stretches: Sequence[Stretch] = (),
+) -> Figure:
+    """Global translation and rotation error and relative SE(3) error, one above the other.
+
+    Parameters
+    ----------
+    evaluations
+        Of one sequence.
+    over
+        "time" since the first common stamp, or "path" length travelled by the ground truth.
+    stretches
+        Shaded behind the curves.
+    """
+    figure = new_figure(8.0, 6.6)
+    translation, rotation, relative = figure.subplots(3, 1, sharex=True)
+    for evaluation, colour in zip(evaluations, colours(len(evaluations)), strict=True):
+        along = evaluation.distances if over == "path" else evaluation.estimate.seconds
+        label, norms = evaluation.name, evaluation.global_error.norms
+        translation.plot(along, norms["translation"], color=colour, label=label)
+        rotation.plot(along, np.degrees(norms["rotation"]), color=colour)
+        step = np.maximum(evaluation.relative_error.norms["se3"], 1e-12)
+        relative.semilogy(along[1:], step, color=colour, linewidth=0.8)
+    _shade((translation, rotation, relative), evaluations[0], over, stretches)
+    _label(translation, "", "global translation\nerror [m]")
+    _label(rotation, "", "global rotation\nerror [°]")
+    unit = "path length [m]" if over == "path" else "time [s]"
+    _label(relative, unit, "relative SE(3)\nerror")
+    for axes in (translation, rotation):
+        axes.set_ylim(bottom=0.0)
+    relative.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    relative.yaxis.set_major_formatter(StrMethodFormatter("{x:.0e}"))
+    relative.margins(x=0.01)
+    shared_legend(figure, translation)
+    return figure
+
+
+def _shade(
+    rows: Iterable[Axes], evaluation: Evaluation, over: str, stretches: Sequence[Stretch]
+) -> None:
+    seconds = evaluation.estimate.seconds
+    start_ns = int(evaluation.estimate.stamps_ns[0])
+    for stretch in stretches:
+        ends = (np.array([stretch.start_ns, stretch.stop_ns]) - start_ns) * 1e-9
+        if over == "path":
+            ends = np.interp(ends, seconds, evaluation.distances)
+        for index, axes in enumerate(rows):
+            label = stretch.label if index == 0 else None
+            axes.axvspan(*ends, color=stretch.colour, alpha=0.2, linewidth=0, label=label)
+
+
+def series_figure(
+    seconds: ArrayLike, series: Mapping[str, ArrayLike], ylabel: str, whole_numbers: bool = False
+) -> Figure:
+    """Curves over the recording's time, for instance tracklets per cluster."""
+    figure = new_figure(8.0, 3.2)
+    axes = figure.subplots()
+    for (name, values), colour in zip(series.items(), colours(len(series)), strict=True):
+        axes.plot(seconds, values, color=colour, linewidth=1.0, label=name)
+    _label(axes, "time [s]", ylabel)
+    axes.set_ylim(bottom=0.0)
+    axes.margins(x=0.01)
+    if whole_numbers:
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    shared_legend(figure, axes)
+    return figure
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure, in inches, that no window system knows of."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def colours(count: int) -> list[str]:
+    """As many line colours as asked for, starting again when they run out."""
+    return [COLOURS[index % len(COLOURS)] for index in range(count)]
+
+
+def shared_legend(figure: Figure, axes: Axes) -> None:
+    """One legend above all axes, from the labels of one of them."""
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
+
+
+def _label(axes: Axes, x: str, y: str) -> None:
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(alpha=0.3, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def save_figure(figure: Figure, path: Path | str) -> None:
+    """Write a PNG without date or version, so that equal figures are equal files."""
+    figure.savefig(path, dpi=150, format="png", metadata={"Software": None})
