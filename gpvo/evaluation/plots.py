@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import ArrayLike
 
 from gpvo.evaluation.paper import from_first_pose
@@ -102,11 +102,16 @@ def error_figure(
     _label(relative, unit, "relative SE(3)\nerror")
     for axes in (translation, rotation):
         axes.set_ylim(bottom=0.0)
-    relative.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    relative.yaxis.set_major_formatter(StrMethodFormatter("{x:.0e}"))
+    _logarithmic_ticks(relative)
     relative.margins(x=0.01)
     shared_legend(figure, translation)
     return figure
+
+
+def _logarithmic_ticks(axes: Axes) -> None:
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:.0e}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _shade(
