@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
 
+ROTATION_TOLERANCE = 1e-3
+"""Largest entry of RᵀR - 1; files with four decimals pass."""
+
 
 @dataclass(frozen=True, eq=False)
 class StampedPoses:
@@ -25,7 +28,7 @@ class StampedPoses:
     Raises
     ------
     InputError
-        If the shapes differ, a number is not finite or the stamps do not increase.
+        If the shapes differ, a pose is not rigid or not finite, or the stamps do not increase.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -38,6 +41,10 @@ class StampedPoses:
             )
         if not np.isfinite(self.T_world_cam).all():
             raise InputError("poses must be finite numbers")
+        products = np.swapaxes(self.rotations, 1, 2) @ self.rotations
+        skewed = np.flatnonzero(np.abs(products - np.eye(3)).max(axis=(1, 2)) > ROTATION_TOLERANCE)
+        if len(skewed):
+            raise InputError(f"pose {skewed[0]} is no rigid transform: its rotation is skewed")
         late = np.flatnonzero(np.diff(self.stamps_ns) <= 0)
         if len(late):
             index = int(late[0]) + 1

@@ -1,0 +1,130 @@
+"""Poses from files: TUM and KITTI text, MVSEC ground truth, ROS pose bags, result folders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from gpvo.calibration import StereoRig
+from gpvo.errors import InputError
+from gpvo.evaluation.rosbag import read_pose_bag
+from gpvo.poses import StampedPoses
+from gpvo.tum import parse_tum
+
+KITTI_FRAME_NS = 100_000_000
+"""KITTI's cameras run at 10 Hz; used where no times.txt stands beside the poses."""
+
+TRAJECTORY_NAMES = ("trajectory.tum", "stamped_traj_estimate.txt")
+"""What `gpvo run` and rpg_trajectory_evaluation call the estimate in a folder."""
+
+
+def load_poses(path: Path | str, rig: StereoRig | None = None) -> StampedPoses:
+    """Read poses; the format is found from what the file holds.
+
+    Parameters
+    ----------
+    path
+        A TUM or KITTI text file, an MVSEC ground truth (HDF5), a ROS 1 or 2 bag with one pose topic
+        (several: append ":/topic" to the name), or a folder with trajectory.tum or
+        stamped_traj_estimate.txt in it.
+    rig
+        Calibration; needed for MVSEC, whose poses are those of the raw left camera.
+
+    Returns
+    -------
+    StampedPoses
+        T_world_cam as the file holds it; for MVSEC, of the rectified left camera.
+
+    Raises
+    ------
+    InputError
+        If there is no such file or its contents cannot be used.
+    """
+    file, topic = _split_topic(Path(path))
+    if not file.exists():
+        raise InputError(f"{path}: no such file or folder")
+    if file.is_dir() and not (file / "metadata.yaml").exists():
+        file = find_trajectory(file)
+    if file.is_dir() or file.suffix in (".bag", ".db3", ".mcap"):
+        return read_pose_bag(file, topic)
+    if h5py.is_hdf5(file):
+        return read_mvsec_poses(file, rig)
+    return read_text_poses(file)
+
+
+def _split_topic(path: Path) -> tuple[Path, str | None]:
+    name, separator, topic = str(path).rpartition(":/")
+    if path.exists() or not separator:
+        return path, None
+    return Path(name), "/" + topic
+
+
+def find_trajectory(folder: Path) -> Path:
+    """The estimate in a result folder."""
+    for name in TRAJECTORY_NAMES:
+        if (folder / name).exists():
+            return folder / name
+    raise InputError(f"{folder}: holds none of {', '.join(TRAJECTORY_NAMES)}")
+
+
+def read_text_poses(path: Path) -> StampedPoses:
+    """Read a TUM (8 numbers a line) or KITTI (12 numbers a line) file."""
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is not a text file of poses") from error
+    rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    if rows and len(rows[0]) == 12:
+        return _read_kitti(path, lines)
+    return parse_tum(lines, str(path))
+
+
+def _read_kitti(path: Path, lines: list[str]) -> StampedPoses:
+    try:
+        poses = np.loadtxt(lines, ndmin=2).reshape(-1, 3, 4)
+    except ValueError as error:
+        raise InputError(f"{path}: is not a KITTI file, 12 numbers on every line") from error
+    T_world_cam = np.zeros((len(poses), 4, 4))
+    T_world_cam[:, :3] = poses
+    T_world_cam[:, 3, 3] = 1.0
+    return StampedPoses(_kitti_stamps(path, len(poses)), T_world_cam)
+
+
+def _kitti_stamps(path: Path, count: int) -> np.ndarray:
+    """Stamps of times.txt beside the poses (seconds a line), or frame numbers at 10 Hz."""
+    times = path.with_name("times.txt")
+    if not times.exists():
+        return np.arange(count, dtype=np.int64) * KITTI_FRAME_NS
+    try:
+        seconds = np.loadtxt(times, ndmin=1)
+    except ValueError as error:
+        raise InputError(f"{times}: is not a list of times in seconds") from error
+    if seconds.shape != (count,):
+        raise InputError(f"{times}: has {len(seconds)} times for the {count} poses of {path}")
+    return np.round(seconds * 1e9).astype(np.int64)
+
+
+def read_mvsec_poses(path: Path, rig: StereoRig | None) -> StampedPoses:
+    """T_world_cam of the rectified left camera from davis/left/pose of an MVSEC ground truth."""
+    if rig is None:
+        raise InputError(
+            f"{path}: holds poses of the raw left camera; give the calibration (--calibration)"
+            " that rectifies it"
+        )
+    try:
+        with h5py.File(path) as file:
+            T_world_raw = file["davis/left/pose"][:].astype(np.float64)
+            seconds = file["davis/left/pose_ts"][:].astype(np.float64)
+    except (KeyError, OSError) as error:
+        raise InputError(f"{path}: holds no readable davis/left/pose and pose_ts") from error
+    if not np.isfinite(seconds).all():
+        raise InputError(f"{path}: davis/left/pose_ts holds numbers that are not finite")
+    T_raw_rect = np.eye(4)
+    T_raw_rect[:3, :3] = rig.left.R_rect.T
+    try:
+        poses = StampedPoses(np.round(seconds * 1e9).astype(np.int64), T_world_raw)
+    except InputError as error:
+        raise InputError(f"{path}: davis/left/pose: {error}") from error
+    return poses.seen_from(T_raw_rect)
