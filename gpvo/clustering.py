@@ -1,0 +1,116 @@
+"""Event clustering: synchronous stereo windows, surfaces of active events, binary frames.
+
+Section III-A.1 of the paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gpvo.calibration import StereoRig
+from gpvo.config import ClusteringConfig
+from gpvo.recordings.base import Events, StereoEvents
+
+
+@dataclass(frozen=True, eq=False)
+class EventImage:
+    """The events of one camera in one cluster, on the rectified pixel grid.
+
+    Attributes
+    ----------
+    surface_of_active_events
+        (height, width) float64 time of the latest event of each pixel, seconds; -inf where none.
+    event_count
+        Number of events in the cluster, those that rectify to outside the image included.
+    """
+
+    surface_of_active_events: NDArray[np.float64]
+    event_count: int
+
+    @property
+    def binary_frame(self) -> NDArray[np.uint8]:
+        """(height, width) image that is 255 where there was an event, of either polarity."""
+        return np.where(np.isfinite(self.surface_of_active_events), 255, 0).astype(np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class StereoCluster:
+    """Left and right events of the same interval [start, stop), in seconds."""
+
+    start: float
+    stop: float
+    left: EventImage
+    right: EventImage
+
+
+def cluster_events(
+    slabs: Iterable[StereoEvents], rig: StereoRig, config: ClusteringConfig
+) -> Iterator[StereoCluster]:
+    """Cut a stereo event stream into clusters.
+
+    A cluster ends after `config.window` seconds, or as soon as either camera has
+    `config.max_events` events. A last window that the stream does not fill is dropped.
+    """
+    left, right = Events.empty(), Events.empty()
+    start: float | None = None
+    for slab in slabs:
+        start = slab.start if start is None else start
+        left = Events.concatenate([left, slab.left])
+        right = Events.concatenate([right, slab.right])
+        while (stop := _cluster_end(left.t, right.t, start, config)) <= slab.stop:
+            yield StereoCluster(
+                start,
+                stop,
+                event_image(left.between(start, stop), rig.tables[0], rig.resolution),
+                event_image(right.between(start, stop), rig.tables[1], rig.resolution),
+            )
+            left, right = left.between(stop, np.inf), right.between(stop, np.inf)
+            start = stop
+
+
+def _cluster_end(
+    left_times: NDArray[np.float64],
+    right_times: NDArray[np.float64],
+    start: float,
+    config: ClusteringConfig,
+) -> float:
+    """End of the cluster that begins at `start`: just after the event that fills it, if any."""
+    stop = start + config.window
+    for times in (left_times, right_times):
+        if len(times) >= config.max_events:
+            stop = min(stop, float(np.nextafter(times[config.max_events - 1], np.inf)))
+    return stop
+
+
+def event_image(
+    events: Events, table: NDArray[np.float32], resolution: tuple[int, int]
+) -> EventImage:
+    """Rectify events to the nearest pixel and keep the latest time of each pixel.
+
+    `table` (height, width, 2) holds the rectified pixel of every raw pixel; `resolution` is
+    (width, height) of the rectified image.
+    """
+    surface = np.full(resolution[::-1], -np.inf)
+    _paint(surface, events.x, events.y, events.t, table)
+    return EventImage(surface, len(events))
+
+
+@njit(cache=True)
+def _paint(
+    surface: NDArray[np.float64],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    t: NDArray[np.float64],
+    table: NDArray[np.float32],
+) -> None:
+    height, width = surface.shape
+    for i in range(len(t)):
+        u, v = table[y[i], x[i]]
+        column, row = int(np.rint(u)), int(np.rint(v))
+        if 0 <= column < width and 0 <= row < height:
+            surface[row, column] = t[i]

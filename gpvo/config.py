@@ -1,0 +1,146 @@
+"""Configuration of every stage; the defaults are the paper's values where it gives them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class StageConfig(BaseModel):
+    """Base of the stages' models: immutable, and a misspelt field is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ClusteringConfig(StageConfig):
+    """Section III-A.1: when a cluster of events ends."""
+
+    window: float = Field(0.05, gt=0, description="Longest duration of a cluster, seconds.")
+    max_events: int = Field(
+        30_000, gt=0, description="Events of either camera that end a cluster early."
+    )
+
+
+class FeatureConfig(StageConfig):
+    """LIBVISO2's blob and corner detector."""
+
+    nms_radius: int = Field(3, ge=1, description="Half window of non-maximum suppression, pixels.")
+    response_threshold: float = Field(
+        50.0, ge=0, description="Smallest magnitude of a filter response that is a feature."
+    )
+
+
+class PatchTrackerConfig(StageConfig):
+    """Features followed around the quad by the patch that surrounds them (Lucas-Kanade)."""
+
+    smoothing: float = Field(
+        1.0, gt=0, description="Standard deviation of the Gaussian blur of binary frames, pixels."
+    )
+    patch_size: int = Field(31, ge=5, description="Side of the patch, pixels.")
+    pyramid_levels: int = Field(3, ge=0, description="Coarser pyramid levels above the image.")
+    max_features: int = Field(300, ge=1, description="Features per frame and resolution.")
+    spacing: int = Field(8, ge=1, description="Smallest distance between features, pixels.")
+    closure_tolerance: float = Field(
+        0.5, gt=0, description="How near to its start a quad must end, pixels."
+    )
+    row_tolerance: float = Field(
+        1.5, gt=0, description="Largest row difference between left and right, pixels."
+    )
+    anchor_tolerance: float = Field(
+        1.0,
+        gt=0,
+        description="Largest distance between the match with the previous frame and the match "
+        "with the earliest one, pixels; beyond it the feature is dropped.",
+    )
+
+
+class DescriptorTrackerConfig(StageConfig):
+    """LIBVISO2's circular matching of descriptors."""
+
+    flow_radius: int = Field(
+        40, ge=1, description="Search half range per frame of temporal distance, pixels."
+    )
+    max_disparity: int = Field(100, ge=1, description="Search range of stereo matches, pixels.")
+    row_tolerance: int = Field(
+        1, ge=0, description="Largest row difference between left and right, pixels."
+    )
+    outlier_flow_tolerance: float = Field(
+        5.0, gt=0, description="Flow difference (L1) up to which Delaunay neighbours agree, pixels."
+    )
+    outlier_disparity_tolerance: float = Field(
+        5.0, gt=0, description="Disparity difference up to which Delaunay neighbours agree, pixels."
+    )
+
+
+class TrackingConfig(StageConfig):
+    """Section III-A.2: detection, quad matching and extension over earlier frames."""
+
+    tracker: Literal["patch", "descriptor"] = Field(
+        "patch",
+        description="How features are matched: by the patch around them (Lucas-Kanade) or by "
+        "LIBVISO2's descriptors, the paper's choice.",
+    )
+    resolutions: tuple[Literal[1, 2], ...] = Field(
+        (1, 2),
+        min_length=1,
+        description="Image resolutions that are tracked independently: 1 full, 2 half.",
+    )
+    earlier_frames: int = Field(
+        4, ge=1, description="Number of earlier frames that tracklets are extended over."
+    )
+    features: FeatureConfig = FeatureConfig()
+    patch: PatchTrackerConfig = PatchTrackerConfig()
+    descriptor: DescriptorTrackerConfig = DescriptorTrackerConfig()
+
+
+class TrackletConfig(StageConfig):
+    """Section III-A.2: measurement times and the four filters."""
+
+    time_radius: float = Field(
+        5.0,
+        ge=0,
+        description="A feature's time is the mean of the SAE within this radius, pixels; "
+        "0 takes the nearest event's time alone, as the paper does.",
+    )
+    max_stereo_time_difference: float = Field(
+        0.020, gt=0, description="Largest time difference between left and right, seconds."
+    )
+    min_disparity: float = Field(2.0, ge=0, description="Smallest disparity, pixels.")
+    min_length: float = Field(2.0, ge=0, description="Smallest image motion, pixels.")
+    min_duration: float = Field(0.040, ge=0, description="Shortest duration, seconds.")
+
+
+class McRansacConfig(StageConfig):
+    """Section III-B: motion-compensated RANSAC."""
+
+    iterations: int = Field(10_000, ge=1, description="Samples of the fast version.")
+    sample_size: int = Field(3, ge=3, description="Tracklets per sample, M_rand.")
+    relative_threshold: float = Field(
+        0.05, gt=0, description="Largest e_rel of an inlier: error over segment length."
+    )
+    pixel_threshold: float = Field(
+        1.5,
+        ge=0,
+        description="Errors up to this are inliers however short the segment, pixels; "
+        "0 for the paper's rule.",
+    )
+    span: int = Field(
+        4, ge=1, description="Clusters between the two measurements of a segment, at most."
+    )
+    confidence: float = Field(
+        0.9999,
+        gt=0,
+        le=1,
+        description="Stop drawing once a sample free of outliers was drawn with this probability; "
+        "1 draws all `iterations`, as the paper does.",
+    )
+    refinement_iterations: int = Field(
+        20, ge=1, description="Largest number of Gauss-Newton steps of the iterative version."
+    )
+    refinement_tolerance: float = Field(
+        1e-6, gt=0, description="Step of the velocity that ends Gauss-Newton, rad/s and m/s."
+    )
+    max_condition: float = Field(
+        1e10, gt=1, description="Condition number beyond which the velocity is undetermined."
+    )

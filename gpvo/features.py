@@ -1,0 +1,195 @@
+"""Blob and corner features of an event image, in the manner of LIBVISO2.
+
+Geiger, Ziegler and Stiller, "StereoScan: Dense 3d reconstruction in real-time", IV 2011.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gpvo.config import FeatureConfig
+
+BLOB_MASK = np.array(
+    [
+        [-1, -1, -1, -1, -1],
+        [-1, 1, 1, 1, -1],
+        [-1, 1, 8, 1, -1],
+        [-1, 1, 1, 1, -1],
+        [-1, -1, -1, -1, -1],
+    ],
+    np.float32,
+)
+CORNER_MASK = np.outer([1, 1, 0, -1, -1], [1, 1, 0, -1, -1]).astype(np.float32)
+
+SOBEL_SMOOTHING = np.array([1, 4, 6, 4, 1], np.float32)
+SOBEL_DERIVATIVE = np.array([1, 2, 0, -2, -1], np.float32)
+
+# Where the two gradients are sampled around a feature: (dx, dy) in pixels.
+DESCRIPTOR_OFFSETS = np.array(
+    [
+        (sign_x * dx, sign_y * dy)
+        for dx, dy in ((1, 1), (3, 1), (1, 5), (5, 3))
+        for sign_x in (-1, 1)
+        for sign_y in (-1, 1)
+    ]
+)
+MARGIN = 6  # pixels at the border without features: the descriptor reaches 5
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """Features of one image at its own resolution.
+
+    Attributes
+    ----------
+    points
+        (N, 2) int32 pixel (u, v).
+    kind
+        (N,) int32: 0 minimum and 1 maximum of the blob response, 2 and 3 of the corner response.
+    descriptors
+        (N, 32) uint8 gradients around the point, compared by their sum of absolute differences.
+    """
+
+    points: NDArray[np.int32]
+    kind: NDArray[np.int32]
+    descriptors: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def detect(image: NDArray[np.uint8], config: FeatureConfig) -> Features:
+    """Find the extrema of the blob and the corner response of an 8-bit image and describe them."""
+    points, kind, _ = extrema(image, config.nms_radius, config.response_threshold)
+    return Features(points, kind, describe(gradients(image), points))
+
+
+def extrema(
+    image: NDArray[np.uint8], nms_radius: int, threshold: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
+    """Points (N, 2), kinds (N,) and strengths (N,) of the extrema of both filter responses.
+
+    The strength is the response relative to the filter's largest possible one.
+    """
+    found = []
+    for first_kind, mask in ((0, BLOB_MASK), (2, CORNER_MASK)):
+        response = cv2.filter2D(image.astype(np.float32), cv2.CV_32F, mask)
+        largest = 255 * np.maximum(mask, 0).sum()
+        for kind, signed in ((first_kind, -response), (first_kind + 1, response)):
+            points = block_maxima(signed, nms_radius, threshold, MARGIN)
+            strength = signed[points[:, 1], points[:, 0]] / largest
+            found.append((points, np.full(len(points), kind, np.int32), strength))
+    points, kinds, strengths = zip(*found, strict=True)
+    return np.concatenate(points), np.concatenate(kinds), np.concatenate(strengths)
+
+
+def strongest_spaced(
+    points: NDArray[np.int32],
+    strength: NDArray[np.float32],
+    taken: NDArray[np.float32],
+    spacing: int,
+    count: int,
+) -> NDArray[np.int64]:
+    """Indices of the strongest points that keep `spacing` pixels from each other and `taken`.
+
+    Distances are the larger one of columns and rows. At most `count` are returned, strongest first.
+    """
+    order = np.argsort(-strength, kind="stable")
+    everything = np.concatenate([np.rint(taken).astype(np.int32), points[order]])
+    kept = _greedy_spacing(everything, len(taken), spacing, count)
+    return order[kept]
+
+
+@njit(cache=True)
+def _greedy_spacing(
+    points: NDArray[np.int32], taken: int, spacing: int, count: int
+) -> NDArray[np.int64]:
+    reach = spacing - 1
+    width, height = points[:, 0].max() + spacing + 1, points[:, 1].max() + spacing + 1
+    occupied = np.zeros((height, width), np.bool_)
+    kept = np.empty(max(0, count), np.int64)
+    number = 0
+    for i in range(len(points)):
+        u, v = points[i]
+        if i >= taken:
+            if number >= count:
+                break
+            if occupied[v, u]:
+                continue
+            kept[number] = i - taken
+            number += 1
+        occupied[max(0, v - reach) : v + reach + 1, max(0, u - reach) : u + reach + 1] = True
+    return kept[:number]
+
+
+@njit(cache=True)
+def block_maxima(
+    response: NDArray[np.float32], radius: int, threshold: float, margin: int
+) -> NDArray[np.int32]:
+    """Local maxima (N, 2) by Neubeck and Van Gool's block non-maximum suppression, ICPR 2006.
+
+    One candidate per block of radius + 1 pixels; it stays if nothing within the radius exceeds it.
+    """
+    height, width = response.shape
+    found = np.empty((height * width // (radius + 1) ** 2 + 1, 2), np.int32)
+    count = 0
+    for u0 in range(radius + margin, width - radius - margin, radius + 1):
+        for v0 in range(radius + margin, height - radius - margin, radius + 1):
+            u, v = u0, v0
+            for column in range(u0, u0 + radius + 1):
+                for row in range(v0, v0 + radius + 1):
+                    if response[row, column] > response[v, u]:
+                        u, v = column, row
+            if response[v, u] < threshold:
+                continue
+            if _is_maximum(response, u, v, radius, margin):
+                found[count, 0], found[count, 1] = u, v
+                count += 1
+    return found[:count].copy()
+
+
+@njit(cache=True)
+def _is_maximum(response: NDArray[np.float32], u: int, v: int, radius: int, margin: int) -> bool:
+    height, width = response.shape
+    for row in range(v - radius, min(v + radius, height - 1 - margin) + 1):
+        for column in range(u - radius, min(u + radius, width - 1 - margin) + 1):
+            if response[row, column] > response[v, u]:
+                return False
+    return True
+
+
+def gradients(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(height, width, 2) horizontal and vertical 5 x 5 Sobel response, mapped to 0..255."""
+    source = image.astype(np.float32)
+    return np.stack(
+        [
+            _as_bytes(cv2.sepFilter2D(source, cv2.CV_32F, SOBEL_DERIVATIVE, SOBEL_SMOOTHING)),
+            _as_bytes(cv2.sepFilter2D(source, cv2.CV_32F, SOBEL_SMOOTHING, SOBEL_DERIVATIVE)),
+        ],
+        axis=-1,
+    )
+
+
+def _as_bytes(gradient: NDArray[np.float32]) -> NDArray[np.uint8]:
+    return np.clip((gradient.astype(np.int32) >> 7) + 128, 0, 255).astype(np.uint8)
+
+
+def describe(gradient: NDArray[np.uint8], points: NDArray[np.int32]) -> NDArray[np.uint8]:
+    """Descriptors (N, 32) of points (N, 2) from the gradients of their image."""
+    columns = points[:, 0, None] + DESCRIPTOR_OFFSETS[:, 0]
+    rows = points[:, 1, None] + DESCRIPTOR_OFFSETS[:, 1]
+    return gradient[rows, columns].reshape(len(points), -1)
+
+
+def half_resolution(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Mean of every 2 x 2 block, rounded down."""
+    height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
+    wide = image[:height, :width].astype(np.uint16)
+    return ((wide[::2, ::2] + wide[::2, 1::2] + wide[1::2, ::2] + wide[1::2, 1::2]) // 4).astype(
+        np.uint8
+    )

@@ -1,0 +1,47 @@
+"""Where landmarks were seen in the rectified stereo frames of clusters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """N stereo observations of landmarks.
+
+    Attributes
+    ----------
+    landmark
+        (N,) int64 identity of the landmark.
+    frame
+        (N,) int64 number of the stereo frame, counted from 0.
+    left, right
+        (N, 2) float64 pixel (u, v) in the left and the right image.
+    """
+
+    landmark: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.landmark)
+
+    @property
+    def disparity(self) -> NDArray[np.float64]:
+        """(N,) left column minus right column, pixels."""
+        return self.left[:, 0] - self.right[:, 0]
+
+    @staticmethod
+    def concatenate(parts: Sequence[Observations]) -> Observations:
+        """Join several sets of observations."""
+        return Observations(
+            np.concatenate([part.landmark for part in parts]),
+            np.concatenate([part.frame for part in parts]),
+            np.concatenate([part.left for part in parts]),
+            np.concatenate([part.right for part in parts]),
+        )

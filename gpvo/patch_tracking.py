@@ -1,0 +1,174 @@
+"""Features followed around the quad by Lucas-Kanade on smoothed binary frames.
+
+The circle of section III-A.2, previous left, current left, current right, previous right and back,
+is closed by the patch around a feature instead of its descriptor, so that a feature need not be
+detected again in all four images: few of a binary frame's are.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gpvo.config import TrackingConfig
+from gpvo.features import extrema, strongest_spaced
+from gpvo.observations import Observations
+
+Image = NDArray[np.uint8]
+Points = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """A smoothed stereo frame and the landmarks seen in it: (N,) and (N, 2) pixels."""
+
+    left_image: Image
+    right_image: Image
+    landmark: NDArray[np.int64]
+    left: Points
+    right: Points
+
+    def select(self, mask: Mask) -> _Frame:
+        return _Frame(
+            self.left_image,
+            self.right_image,
+            self.landmark[mask],
+            self.left[mask],
+            self.right[mask],
+        )
+
+
+class PatchTracker:
+    """Tracks the features of one resolution; see `gpvo.tracking.Tracker`."""
+
+    def __init__(self, config: TrackingConfig) -> None:
+        self._config = config.patch
+        self._features = config.features
+        self._frames: deque[_Frame] = deque(maxlen=config.earlier_frames)
+        self._frame_count = 0
+        self._landmark_count = 0
+
+    def track(self, left: Image, right: Image) -> Observations:
+        """Follow the known landmarks into a new stereo frame and find new ones there."""
+        images = smooth(left, self._config.smoothing), smooth(right, self._config.smoothing)
+        frame = self._follow(*images)
+        frame = self._anchor(frame)
+        frame = self._detect(frame)
+        self._frames.append(frame)
+        self._frame_count += 1
+        return Observations(
+            frame.landmark,
+            np.full(len(frame.landmark), self._frame_count - 1),
+            frame.left.astype(np.float64),
+            frame.right.astype(np.float64),
+        )
+
+    def _follow(self, left_image: Image, right_image: Image) -> _Frame:
+        """Take the landmarks of the previous frame around the quad; keep those that return."""
+        if not self._frames:
+            nothing = np.empty((0, 2), np.float32)
+            return _Frame(left_image, right_image, np.empty(0, np.int64), nothing, nothing)
+        previous = self._frames[-1]
+        shift = previous.left - previous.right
+        left, found = self._match(previous.left_image, left_image, previous.left)
+        right, found_right = self._match(left_image, right_image, left, left - shift)
+        back, found_back = self._match(right_image, previous.right_image, right)
+        end, found_end = self._match(previous.right_image, previous.left_image, back, back + shift)
+        closed = np.linalg.norm(end - previous.left, axis=1) < self._config.closure_tolerance
+        frame = _Frame(left_image, right_image, previous.landmark, left, right)
+        return frame.select(
+            found & found_right & found_back & found_end & closed & self._is_stereo(frame)
+        )
+
+    def _anchor(self, frame: _Frame) -> _Frame:
+        """Match every landmark with the earliest frame that shows it, so that errors do not add up.
+
+        This extends tracklets over earlier frames: each match is checked against one that skips
+        the frames between, and takes its position.
+        """
+        left, keep = frame.left.copy(), np.ones(len(frame.left), bool)
+        anchored = np.zeros(len(left), bool)
+        for earlier in list(self._frames)[:-1]:
+            _, here, there = np.intersect1d(
+                frame.landmark, earlier.landmark, assume_unique=True, return_indices=True
+            )
+            new = ~anchored[here]
+            here, there = here[new], there[new]
+            position, found = self._match(
+                earlier.left_image, frame.left_image, earlier.left[there], left[here]
+            )
+            moved = np.linalg.norm(position - left[here], axis=1)
+            keep[here] = found & (moved < self._config.anchor_tolerance)
+            left[here], anchored[here] = position, True
+        right, found = self._match(
+            frame.left_image, frame.right_image, left, frame.right + left - frame.left
+        )
+        moved = _Frame(frame.left_image, frame.right_image, frame.landmark, left, right)
+        return moved.select(keep & found & self._is_stereo(moved))
+
+    def _detect(self, frame: _Frame) -> _Frame:
+        """Add the strongest features that are not near a landmark and have a right match."""
+        points, _, strength = extrema(
+            frame.left_image, self._features.nms_radius, self._features.response_threshold
+        )
+        wanted = self._config.max_features - len(frame.landmark)
+        chosen = strongest_spaced(points, strength, frame.left, self._config.spacing, wanted)
+        left = points[chosen].astype(np.float32)
+        right, found = self._match(frame.left_image, frame.right_image, left)
+        back, found_back = self._match(frame.right_image, frame.left_image, right)
+        closed = np.linalg.norm(back - left, axis=1) < self._config.closure_tolerance
+        new = _Frame(
+            frame.left_image, frame.right_image, np.zeros(len(left), np.int64), left, right
+        )
+        new = new.select(found & found_back & closed & self._is_stereo(new))
+        landmark = self._landmark_count + np.arange(len(new.landmark))
+        self._landmark_count += len(landmark)
+        return _Frame(
+            frame.left_image,
+            frame.right_image,
+            np.concatenate([frame.landmark, landmark]),
+            np.concatenate([frame.left, new.left]),
+            np.concatenate([frame.right, new.right]),
+        )
+
+    def _is_stereo(self, frame: _Frame) -> Mask:
+        """Rows agree, the disparity is positive and both points lie in the image."""
+        height, width = frame.left_image.shape
+        size = np.array([width, height])
+        inside = ((frame.left >= 0) & (frame.left < size)).all(axis=1)
+        inside &= ((frame.right >= 0) & (frame.right < size)).all(axis=1)
+        row_difference = np.abs(frame.left[:, 1] - frame.right[:, 1])
+        positive = frame.left[:, 0] > frame.right[:, 0]
+        return inside & positive & (row_difference < self._config.row_tolerance)
+
+    def _match(
+        self, source: Image, target: Image, points: Points, guess: Points | None = None
+    ) -> tuple[Points, Mask]:
+        """Where the patches around points (N, 2) of the source are in the target, and if found.
+
+        A guess is within a pixel or two, so that it needs no coarse pyramid levels.
+        """
+        if len(points) == 0:
+            return points, np.zeros(0, bool)
+        start = None if guess is None else guess.astype(np.float32).reshape(-1, 1, 2).copy()
+        end, status, _ = cv2.calcOpticalFlowPyrLK(
+            source,
+            target,
+            points.reshape(-1, 1, 2),
+            start,
+            winSize=(self._config.patch_size, self._config.patch_size),
+            maxLevel=self._config.pyramid_levels if guess is None else 1,
+            flags=0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )
+        return end.reshape(-1, 2), status.ravel() > 0
+
+
+def smooth(image: Image, deviation: float) -> Image:
+    """Gaussian blur of a binary frame, brightened so that thin contours keep their contrast."""
+    blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), deviation)
+    return np.clip(blurred * 1.5 * deviation, 0, 255).astype(np.uint8)

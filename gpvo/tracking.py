@@ -1,0 +1,63 @@
+"""What a tracker gives, whatever its features: landmarks observed in stereo frames.
+
+Section III-A.2 of the paper: any feature detector and tracker can be used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpvo.clustering import StereoCluster
+from gpvo.config import TrackingConfig
+from gpvo.descriptor_tracking import DescriptorTracker
+from gpvo.features import half_resolution
+from gpvo.observations import Observations
+from gpvo.patch_tracking import PatchTracker
+
+StereoImage = tuple[NDArray[np.uint8], NDArray[np.uint8]]
+
+
+class Tracker(Protocol):
+    """Follows features through the stereo images it is given, one pair after the other."""
+
+    def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Observations:
+        """Observations that the new pair of images adds."""
+        ...
+
+
+class MultiResolutionTracker:
+    """Trackers at several resolutions, run independently; positions are full-resolution pixels."""
+
+    def __init__(self, config: TrackingConfig) -> None:
+        make = {"patch": PatchTracker, "descriptor": DescriptorTracker}[config.tracker]
+        self._resolutions = config.resolutions
+        self._trackers: Sequence[Tracker] = [make(config) for _ in config.resolutions]
+
+    def track(self, cluster: StereoCluster) -> Observations:
+        """Observations that a new cluster's binary frames add."""
+        full = cluster.left.binary_frame, cluster.right.binary_frame
+        parts = []
+        for index, (resolution, tracker) in enumerate(
+            zip(self._resolutions, self._trackers, strict=True)
+        ):
+            left, right = full if resolution == 1 else map(half_resolution, full)
+            found = tracker.track(left, right)
+            parts.append(
+                replace(
+                    found,
+                    landmark=found.landmark * len(self._trackers) + index,
+                    left=to_full_resolution(found.left, resolution),
+                    right=to_full_resolution(found.right, resolution),
+                )
+            )
+        return Observations.concatenate(parts)
+
+
+def to_full_resolution(points: NDArray[np.float64], resolution: int) -> NDArray[np.float64]:
+    """Full-resolution position of pixels whose side is `resolution` full pixels."""
+    return points * resolution + (resolution - 1) / 2

@@ -1,0 +1,183 @@
+"""Tracklets: landmarks measured at the times of their own events, and the filters for them.
+
+Section III-A.2 of the paper.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gpvo.clustering import StereoCluster
+from gpvo.config import TrackletConfig
+from gpvo.observations import Observations
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """N stereo measurements of landmarks, each at its own time.
+
+    Attributes
+    ----------
+    landmark
+        (N,) int64 identity of the landmark.
+    frame
+        (N,) int64 number of the cluster that it was seen in.
+    t
+        (N,) float64 seconds.
+    stereo
+        (N, 3) float64 (u_left, v, disparity), rectified pixels.
+    """
+
+    landmark: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    t: NDArray[np.float64]
+    stereo: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, index: NDArray | slice) -> Measurements:
+        return Measurements(
+            self.landmark[index], self.frame[index], self.t[index], self.stereo[index]
+        )
+
+    @staticmethod
+    def concatenate(parts: Iterable[Measurements]) -> Measurements:
+        """Join several sets of measurements."""
+        columns = [(part.landmark, part.frame, part.t, part.stereo) for part in parts]
+        if not columns:
+            return Measurements(
+                np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty((0, 3))
+            )
+        return Measurements(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+
+@dataclass
+class Tracklets:
+    """The measurements of the latest clusters, those that passed the filters of their own.
+
+    Parameters
+    ----------
+    config
+        Thresholds of the filters.
+    window
+        Number of latest clusters whose measurements are kept.
+    """
+
+    config: TrackletConfig
+    window: int
+    measurements: Measurements = field(default_factory=lambda: Measurements.concatenate([]))
+    _clusters: deque[tuple[int, StereoCluster]] = field(default_factory=deque)
+    _cluster_count: int = 0
+
+    def add(self, cluster: StereoCluster, observations: Observations) -> None:
+        """Take the observations that a new cluster added, in it or in earlier ones."""
+        self._clusters.append((self._cluster_count, cluster))
+        self._cluster_count += 1
+        while len(self._clusters) > self.window:
+            self._clusters.popleft()
+        oldest = self._clusters[0][0]
+        new = [self._measure(number, seen, observations) for number, seen in self._clusters]
+        kept = self.measurements[self.measurements.frame >= oldest]
+        self.measurements = Measurements.concatenate([kept, *new])
+
+    def discard(self, landmark: NDArray[np.int64], frame: int) -> None:
+        """Forget the measurements that a cluster made of these landmarks."""
+        rejected = np.isin(self.measurements.landmark, landmark)
+        rejected &= self.measurements.frame == frame
+        self.measurements = self.measurements[~rejected]
+
+    def long_enough(self) -> Measurements:
+        """Measurements of the tracklets that pass the length and duration filters, in time order.
+
+        A tracklet's length is the distance between its first and its last left image point.
+        """
+        ordered = self.measurements[np.lexsort((self.measurements.t, self.measurements.landmark))]
+        if len(ordered) == 0:
+            return ordered
+        _, first, tracklet, count = np.unique(
+            ordered.landmark, return_index=True, return_inverse=True, return_counts=True
+        )
+        last = first + count - 1
+        motion = ordered.stereo[last, :2] - ordered.stereo[first, :2]
+        passed = np.linalg.norm(motion, axis=1) >= self.config.min_length
+        passed &= ordered.t[last] - ordered.t[first] >= self.config.min_duration
+        return ordered[passed[tracklet]]
+
+    def _measure(
+        self, number: int, cluster: StereoCluster, observations: Observations
+    ) -> Measurements:
+        """Time the observations of one cluster; drop those that fail the stereo filters."""
+        seen = observations.frame == number
+        left, right = observations.left[seen], observations.right[seen]
+        disparity = observations.disparity[seen]
+        radius = self.config.time_radius
+        t_left = feature_times(cluster.left.surface_of_active_events, left, radius)
+        t_right = feature_times(cluster.right.surface_of_active_events, right, radius)
+        passed = np.abs(t_left - t_right) <= self.config.max_stereo_time_difference
+        passed &= disparity >= self.config.min_disparity
+        return Measurements(
+            observations.landmark[seen],
+            observations.frame[seen],
+            t_left,
+            np.column_stack([left, disparity]),
+        )[passed]
+
+
+@njit(cache=True)
+def feature_times(
+    surface: NDArray[np.float64], points: NDArray[np.float64], radius: float
+) -> NDArray[np.float64]:
+    """Times (N,) of features at points (N, 2) from a surface of active events (height, width).
+
+    The mean of the events' times within `radius` pixels; that of the nearest event where there are
+    none, or if the radius is 0. NaN if the surface is empty.
+    """
+    times = np.empty(len(points))
+    for i in range(len(points)):
+        times[i] = _mean_time(surface, points[i, 0], points[i, 1], radius)
+        if np.isnan(times[i]):
+            times[i] = _nearest_time(surface, points[i, 0], points[i, 1])
+    return times
+
+
+@njit(cache=True)
+def _mean_time(surface: NDArray[np.float64], u: float, v: float, radius: float) -> float:
+    height, width = surface.shape
+    total, count = 0.0, 0
+    if radius == 0:
+        return np.nan
+    for row in range(max(0, int(np.ceil(v - radius))), min(height - 1, int(v + radius)) + 1):
+        for column in range(max(0, int(np.ceil(u - radius))), min(width - 1, int(u + radius)) + 1):
+            near = (row - v) ** 2 + (column - u) ** 2 <= radius**2
+            if near and surface[row, column] > -np.inf:
+                total += surface[row, column]
+                count += 1
+    return total / count if count else np.nan
+
+
+@njit(cache=True)
+def _nearest_time(surface: NDArray[np.float64], u: float, v: float) -> float:
+    """Time of the event nearest to (u, v), searched in growing squares."""
+    height, width = surface.shape
+    centre_column, centre_row = int(np.rint(u)), int(np.rint(v))
+    best, nearest = np.nan, np.inf
+    for ring in range(max(height, width)):
+        if ring - 1 > nearest:
+            break
+        for row in range(centre_row - ring, centre_row + ring + 1):
+            edge = abs(row - centre_row) == ring
+            step = 1 if edge else max(1, 2 * ring)
+            for column in range(centre_column - ring, centre_column + ring + 1, step):
+                if not (0 <= row < height and 0 <= column < width):
+                    continue
+                distance = np.hypot(row - v, column - u)
+                if surface[row, column] > -np.inf and distance < nearest:
+                    best, nearest = surface[row, column], distance
+    return best
