@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gpvo.errors import InputError
 from gpvo.poses import StampedPoses, inverse_transforms, rigid_transforms
 
 AlignmentMethod = Literal["se3", "sim3", "yaw", "first", "none"]
@@ -71,16 +70,20 @@ def umeyama_alignment(
     """
     centre, target_centre = points.mean(axis=0), targets.mean(axis=0)
     covariance = (targets - target_centre).T @ (points - centre) / len(points)
-    U, singular_values, Vt = np.linalg.svd(covariance)
-    no_mirror = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
-    rotation = U @ np.diag(no_mirror) @ Vt
+    rotation = nearest_rotation(covariance)
     scale = 1.0
     if with_scale:
         variance = np.mean(np.sum((points - centre) ** 2, axis=1))
-        if variance == 0.0:
-            raise InputError("the estimate does not move, so that its scale cannot be aligned")
-        scale = float(singular_values @ no_mirror / variance)
+        # A platform at rest shows no scale.
+        scale = float(np.trace(rotation.T @ covariance) / variance) if variance > 0.0 else 1.0
     return Alignment(rotation, target_centre - scale * rotation @ centre, scale)
+
+
+def nearest_rotation(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation R that maximises trace(Rᵀ covariance), with covariance = Σ target pointᵀ."""
+    U, _, Vt = np.linalg.svd(covariance)
+    no_mirror = np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)])
+    return U @ no_mirror @ Vt
 
 
 def yaw_alignment(estimate: StampedPoses, ground_truth: StampedPoses) -> Alignment:

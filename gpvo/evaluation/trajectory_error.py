@@ -106,12 +106,16 @@ def relative_motions(
 
 
 def pose_pairs(poses: StampedPoses, delta: float, unit: DeltaUnit, all_pairs: bool) -> Pairs:
-    """Indices of the first and last pose of every pair that is `delta` apart."""
+    """Indices of the first and last pose of every pair that is `delta` apart.
+
+    Overlapping pairs may differ from `delta` by a tenth (frames: not at all); chained ones take
+    the first pose that is at least `delta` away.
+    """
     if not delta > 0.0 or (unit == "frames" and delta != int(delta)):
         raise InputError(f"RPE over {delta} {unit}: needs a positive (for frames: whole) number")
     progress = pose_progress(poses, unit)
     if all_pairs:
-        return _overlapping_pairs(progress, delta)
+        return _overlapping_pairs(progress, delta, 0.0 if unit == "frames" else 0.1 * delta)
     return _chained_pairs(progress, delta)
 
 
@@ -125,15 +129,16 @@ def pose_progress(poses: StampedPoses, unit: DeltaUnit) -> NDArray[np.float64]:
     return np.concatenate([[0.0], np.cumsum(path_steps)])
 
 
-def _overlapping_pairs(progress: NDArray[np.float64], delta: float) -> Pairs:
-    """From every pose to the later one nearest to `delta` further, if within a tenth of it."""
+def _overlapping_pairs(progress: NDArray[np.float64], delta: float, tolerance: float) -> Pairs:
+    """From every pose to the later one nearest to `delta` further, if it is near enough."""
     first = np.arange(len(progress) - 1)
     wanted = progress[first] + delta
     above = np.clip(np.searchsorted(progress, wanted), first + 1, len(progress) - 1)
-    below = np.maximum(above - 1, first + 1)
-    nearer_below = wanted - progress[below] <= progress[above] - wanted
-    last = np.where(nearer_below, below, above)
-    close = np.abs(progress[last] - wanted) <= 0.1 * delta
+    # While the platform rests several poses are equally far; the first of them counts.
+    below = np.searchsorted(progress, progress[np.maximum(above - 1, 0)])
+    below = np.maximum(below, first + 1)
+    last = np.where(wanted - progress[below] <= progress[above] - wanted, below, above)
+    close = np.abs(progress[last] - wanted) <= tolerance
     return first[close], last[close]
 
 

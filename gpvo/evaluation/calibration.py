@@ -1,0 +1,125 @@
+"""What a fair comparison must know first: the offset of the clocks and of the body frames."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from gpvo.errors import InputError
+from gpvo.evaluation.alignment import nearest_rotation, umeyama_alignment
+from gpvo.evaluation.association import interval_text
+from gpvo.evaluation.trajectory_error import relative_motions, rotation_angles
+from gpvo.poses import StampedPoses
+
+SAMPLE_NS = 5_000_000
+"""Motions are sampled every 5 ms for the time offset."""
+
+LEVER_ARM_ITERATIONS = 30
+
+LEAST_TURNING = 0.05
+"""Radians (RMS) by which a direction must turn for a lever arm along it to be seen."""
+
+
+def find_time_offset(
+    estimate: StampedPoses, ground_truth: StampedPoses, max_offset: float = 0.1
+) -> float:
+    """Seconds to add to the estimate's stamps so that it moves when the ground truth does.
+
+    The sizes of rotation and translation over a short time, which do not depend on the world
+    frame, are shifted for the best correlation, which does not depend on scale.
+
+    Raises
+    ------
+    InputError
+        If they have less than a second in common, or no offset in this range fits best.
+    """
+    span_ns = _span(estimate, ground_truth)
+    stamps, true_sizes = _motion_sizes(ground_truth, span_ns)
+    own_stamps, sizes = _motion_sizes(estimate, span_ns)
+    origin = int(stamps[0])
+    seconds, own_seconds = (stamps - origin) * 1e-9, (own_stamps - origin) * 1e-9
+    inside = (seconds > own_seconds[0] + max_offset) & (seconds < own_seconds[-1] - max_offset)
+    if np.count_nonzero(inside) * SAMPLE_NS < 1_000_000_000:
+        raise InputError(
+            "too little in common for a time offset: the estimate covers"
+            f" {interval_text(estimate)} and the ground truth {interval_text(ground_truth)}"
+        )
+
+    def mismatch(offset: float) -> float:
+        shifted = [np.interp(seconds[inside] - offset, own_seconds, size) for size in sizes]
+        pairs = zip(shifted, (size[inside] for size in true_sizes), strict=True)
+        return -sum(_correlation(one, other) for one, other in pairs)
+
+    coarse = np.arange(-max_offset, max_offset + 0.0025, 0.005)
+    best = int(np.argmin([mismatch(offset) for offset in coarse]))
+    if best in (0, len(coarse) - 1):
+        raise InputError(f"no clear time offset within {max_offset} s")
+    bounds = (coarse[best - 1], coarse[best + 1])
+    return float(minimize_scalar(mismatch, bounds=bounds, options={"xatol": 1e-6}).x)
+
+
+def _span(estimate: StampedPoses, ground_truth: StampedPoses) -> int:
+    """A tenth of a second, or two intervals of the sparser trajectory; even in samples."""
+    interval = max(np.median(np.diff(poses.stamps_ns)) for poses in (estimate, ground_truth))
+    return 2 * SAMPLE_NS * round(max(100_000_000, 2 * interval) / (2 * SAMPLE_NS))
+
+
+def _motion_sizes(
+    poses: StampedPoses, span_ns: int
+) -> tuple[NDArray[np.int64], tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Middle stamps, and sizes of rotation and translation, of steps of `span_ns`."""
+    stamps = np.arange(poses.stamps_ns[0], poses.stamps_ns[-1] + 1, SAMPLE_NS)
+    span = span_ns // SAMPLE_NS
+    if len(stamps) <= span:
+        raise InputError(f"a trajectory of {interval_text(poses)} is too short for a time offset")
+    first = np.arange(len(stamps) - span)
+    motions = relative_motions(poses.interpolate(stamps), first, first + span)
+    sizes = (rotation_angles(motions), np.linalg.norm(motions[:, :3, 3], axis=1))
+    return stamps[first] + span_ns // 2, sizes
+
+
+def _correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Pearson's coefficient; zero where one of them is constant."""
+    one, other = one - one.mean(), other - other.mean()
+    norm = np.linalg.norm(one) * np.linalg.norm(other)
+    return float(one @ other / norm) if norm > 0.0 else 0.0
+
+
+def find_body_offset(
+    estimate: StampedPoses, ground_truth: StampedPoses, lever_arm: bool = False
+) -> NDArray[np.float64]:
+    """Constant T_truth_estimate (4, 4) between the two bodies whose poses are compared.
+
+    The worlds are aligned by the positions (Umeyama, no scale), then the mean of the remaining
+    rotation is the bodies' offset.
+
+    Parameters
+    ----------
+    estimate, ground_truth
+        As many poses of one as of the other.
+    lever_arm
+        Fit the translation between the bodies too, in turn with the alignment of the worlds, in
+        those directions that the rotation shows. Without it, the bodies share their origin.
+    """
+    offset = np.eye(4)
+    for _ in range(LEVER_ARM_ITERATIONS if lever_arm else 1):
+        body = ground_truth.seen_from(offset)
+        aligned = umeyama_alignment(estimate.positions, body.positions).apply(estimate)
+        change = np.swapaxes(ground_truth.rotations, 1, 2) @ aligned.rotations
+        offset[:3, :3] = nearest_rotation(change.sum(axis=0))
+        if lever_arm:
+            offset[:3, 3] = _lever_arm(ground_truth, aligned.positions)
+    return offset
+
+
+def _lever_arm(ground_truth: StampedPoses, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Place p in the true body with least spread of (R_k p + t_k - position_k)."""
+    turning = ground_truth.rotations - ground_truth.rotations.mean(axis=0)
+    distances = positions - ground_truth.positions
+    distances = distances - distances.mean(axis=0)
+    normal = np.einsum("kij,kil->jl", turning, turning) / len(positions)
+    right = np.einsum("kij,ki->j", turning, distances) / len(positions)
+    weights, directions = np.linalg.eigh(normal)
+    shown = weights > LEAST_TURNING**2
+    return directions[:, shown] @ (directions[:, shown].T @ right / weights[shown])
