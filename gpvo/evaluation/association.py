@@ -1,9 +1,9 @@
-"""Which pose belongs to which, by time."""
+"""Which pose belongs to which, by time, and what two trajectories have in common."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gpvo.errors import InputError
 from gpvo.poses import StampedPoses, seconds_text
@@ -52,6 +52,42 @@ def nearest_indices(stamps: NDArray[np.int64], among: NDArray[np.int64]) -> NDAr
     above = np.clip(np.searchsorted(among, stamps), 0, len(among) - 1)
     below = np.maximum(above - 1, 0)
     return np.where(stamps - among[below] <= among[above] - stamps, below, above)
+
+
+def resample(
+    estimate: StampedPoses, ground_truth: StampedPoses
+) -> tuple[StampedPoses, StampedPoses]:
+    """Interpolate the denser trajectory at the stamps of the sparser one (fewer poses)."""
+    sparser = min(ground_truth, estimate, key=len)
+    stamps = common_part(sparser.stamps_ns, estimate, ground_truth)
+    return estimate.interpolate(stamps), ground_truth.interpolate(stamps)
+
+
+def tolerance_for(ground_truth: StampedPoses) -> float:
+    """Seconds within which poses belong together: 0.02, or 0.3 intervals of a sparse truth."""
+    return max(0.02, 0.3e-9 * float(np.median(np.diff(ground_truth.stamps_ns))))
+
+
+def common_part(
+    stamps_ns: ArrayLike, estimate: StampedPoses, ground_truth: StampedPoses
+) -> NDArray[np.int64]:
+    """The stamps that both cover; at least two."""
+    stamps = np.asarray(stamps_ns, np.int64)
+    start, stop = common_interval(estimate, ground_truth)
+    inside = stamps[(stamps >= start) & (stamps <= stop)]
+    if len(inside) < 2:
+        raise InputError(
+            f"nothing to compare: the estimate covers {interval_text(estimate)} and the ground"
+            f" truth {interval_text(ground_truth)}; check that both use the same clock"
+        )
+    return inside
+
+
+def common_interval(estimate: StampedPoses, ground_truth: StampedPoses) -> tuple[int, int]:
+    """First and last stamp, in nanoseconds, of the time that both cover."""
+    start = max(estimate.stamps_ns[0], ground_truth.stamps_ns[0])
+    stop = min(estimate.stamps_ns[-1], ground_truth.stamps_ns[-1])
+    return int(start), int(stop)
 
 
 def interval_text(poses: StampedPoses) -> str:

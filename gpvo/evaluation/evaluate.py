@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rich.console import Group
 
-from gpvo.errors import InputError
 from gpvo.evaluation.alignment import AlignmentMethod, first_pose_alignment
+from gpvo.evaluation.association import common_interval, common_part
 from gpvo.evaluation.paper import (
     FrameTransform,
     PoseErrors,
@@ -19,7 +19,14 @@ from gpvo.evaluation.paper import (
     motion_integrals,
     relative_error,
 )
-from gpvo.evaluation.tables import global_error_table, relative_error_table, summary_table
+from gpvo.evaluation.segments import SegmentError, segment_errors
+from gpvo.evaluation.table_formats import to_rich
+from gpvo.evaluation.tables import (
+    ErrorRow,
+    global_error_table,
+    relative_error_table,
+    summary_table,
+)
 from gpvo.evaluation.trajectory_error import (
     TrajectoryError,
     absolute_trajectory_error,
@@ -47,6 +54,8 @@ class Evaluation:
         Absolute trajectory error by alignment method.
     rpe
         Relative pose error over one second and over one metre.
+    segments
+        Drift by length of the segment.
     coverage
         Part of the ground truth's time that the estimate covers, 0 to 1.
     """
@@ -58,6 +67,7 @@ class Evaluation:
     relative_error: PoseErrors
     ate: dict[AlignmentMethod, TrajectoryError]
     rpe: dict[str, TrajectoryError]
+    segments: list[SegmentError]
     coverage: float
 
     @property
@@ -69,6 +79,11 @@ class Evaluation:
     def distances(self) -> NDArray[np.float64]:
         """(N,) metres that the ground truth has travelled at every stamp."""
         return pose_progress(self.ground_truth, "metres")
+
+    @property
+    def drift_percent(self) -> float:
+        """Mean translation drift over the longest segments, in percent of their length."""
+        return self.segments[-1].translation_percent if self.segments else float("nan")
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers by name; what is undefined (percent of a path at rest) is None."""
@@ -86,6 +101,7 @@ class Evaluation:
                 "relative_error": self.relative_error.to_dict(),
                 "ate": {method: error.to_dict() for method, error in self.ate.items()},
                 "rpe": {distance: error.to_dict() for distance, error in self.rpe.items()},
+                "segments": [asdict(segment) for segment in self.segments],
             }
         )
 
@@ -94,9 +110,9 @@ class Evaluation:
         return json.dumps(self.to_dict(), indent=2) + "\n"
 
     def __rich__(self) -> Group:
-        return Group(
-            global_error_table([self]), relative_error_table([self]), summary_table([self])
-        )
+        rows = [ErrorRow.of(self)]
+        tables = (global_error_table(rows), relative_error_table(rows), summary_table([self]))
+        return Group(*map(to_rich, tables))
 
 
 def evaluate(
@@ -107,6 +123,7 @@ def evaluate(
     stamps_ns: ArrayLike | None = None,
     step: float = 0.01,
     aligned_at: FrameTransform = "step",
+    pair: tuple[StampedPoses, StampedPoses] | None = None,
 ) -> Evaluation:
     """Compare an estimate with the ground truth, both interpolated at the same stamps.
 
@@ -121,6 +138,9 @@ def evaluate(
         are left out. By default every `step` seconds of the common time.
     aligned_at
         Frame transform of the relative error, see `relative_error`.
+    pair
+        Estimated and true poses for ATE, RPE and drift, for instance those associated as by evo;
+        by default the compared ones.
 
     Raises
     ------
@@ -133,17 +153,19 @@ def evaluate(
     truth = ground_truth.interpolate(stamps)
     sampled = estimate.interpolate(stamps)
     aligned = first_pose_alignment(sampled, truth).apply(sampled)
+    pair = pair or (sampled, truth)
     return Evaluation(
         name=name,
         estimate=aligned,
         ground_truth=truth,
         global_error=global_error(aligned, truth),
         relative_error=relative_error(aligned, truth, aligned_at),
-        ate={m: absolute_trajectory_error(sampled, truth, m) for m in ATE_ALIGNMENTS},
+        ate={method: absolute_trajectory_error(*pair, method) for method in ATE_ALIGNMENTS},
         rpe={
-            "1 s": relative_pose_error(aligned, truth, 1.0, "seconds"),
-            "1 m": relative_pose_error(aligned, truth, 1.0, "metres"),
+            "1 s": relative_pose_error(*pair, 1.0, "seconds"),
+            "1 m": relative_pose_error(*pair, 1.0, "metres"),
         },
+        segments=segment_errors(*pair),
         coverage=float((stamps[-1] - stamps[0]) * 1e-9 / ground_truth.seconds[-1]),
     )
 
@@ -152,38 +174,15 @@ def common_stamps(
     estimate: StampedPoses, ground_truth: StampedPoses, step: float = 0.01
 ) -> NDArray[np.int64]:
     """Stamps every `step` seconds of the time that both cover, its end left out."""
-    start, stop = _common_interval(estimate, ground_truth)
+    start, stop = common_interval(estimate, ground_truth)
     return np.arange(start, stop, round(step * 1e9), dtype=np.int64)
-
-
-def common_part(
-    stamps_ns: ArrayLike, estimate: StampedPoses, ground_truth: StampedPoses
-) -> NDArray[np.int64]:
-    """The stamps that both cover; at least two."""
-    stamps = np.asarray(stamps_ns, np.int64)
-    start, stop = _common_interval(estimate, ground_truth)
-    inside = stamps[(stamps >= start) & (stamps <= stop)]
-    if len(inside) < 2:
-        raise InputError(
-            f"nothing to compare: the estimate covers {_interval_text(estimate)} and the ground"
-            f" truth {_interval_text(ground_truth)}; check that both use the same clock"
-        )
-    return inside
-
-
-def _common_interval(estimate: StampedPoses, ground_truth: StampedPoses) -> tuple[int, int]:
-    start = max(estimate.stamps_ns[0], ground_truth.stamps_ns[0])
-    stop = min(estimate.stamps_ns[-1], ground_truth.stamps_ns[-1])
-    return int(start), int(stop)
-
-
-def _interval_text(poses: StampedPoses) -> str:
-    return f"{seconds_text(poses.stamps_ns[0])} to {seconds_text(poses.stamps_ns[-1])} s"
 
 
 def _without_nan(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _without_nan(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(entry) for entry in value]
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,6 +58,23 @@ def path_figure(estimates: Mapping[str, StampedPoses], ground_truth: StampedPose
     _label(above, "right [m]", "forward [m]")
     _label(side, "forward [m]", "up [m]")
     shared_legend(figure, above)
+    return figure
+
+
+def path_figure_3d(
+    estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None
+) -> Figure:
+    """Paths in space, height upwards, each seen from its own first pose."""
+    figure = new_figure(6.4, 4.8)
+    axes = figure.add_subplot(projection="3d", elev=22.0, azim=-60.0)
+    for name, positions, style in _paths(estimates, ground_truth):
+        x, y, z = positions.T
+        axes.plot(x, z, -y, label=name, **style)
+    axes.plot([0.0], [0.0], [0.0], "o", color="black", markersize=4)
+    axes.set(xlabel="right [m]", ylabel="forward [m]", zlabel="up [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_box_aspect(None, zoom=0.95)
+    shared_legend(figure, axes)
     return figure
 
 
@@ -171,6 +189,13 @@ def _label(axes: Axes, x: str, y: str) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
+def png(figure: Figure) -> bytes:
+    """PNG without date or version, so that equal figures are equal files."""
+    memory = BytesIO()
+    figure.savefig(memory, dpi=150, format="png", metadata={"Software": None})
+    return memory.getvalue()
+
+
 def save_figure(figure: Figure, path: Path | str) -> None:
-    """Write a PNG without date or version, so that equal figures are equal files."""
-    figure.savefig(path, dpi=150, format="png", metadata={"Software": None})
+    """Write a PNG file."""
+    Path(path).write_bytes(png(figure))

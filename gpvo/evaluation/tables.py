@@ -1,14 +1,13 @@
-"""The paper's Tables I and II, and a table of evo's numbers, for the terminal."""
+"""The paper's Tables I and II, and a table of evo's numbers, in no particular format yet."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
 from typing import TYPE_CHECKING
 
-from rich.markup import escape
-from rich.table import Table
-
-from gpvo.evaluation.paper import COMPONENTS, Component
+from gpvo.evaluation.paper import COMPONENTS, Component, PaperStatistics
 
 if TYPE_CHECKING:
     from gpvo.evaluation.evaluate import Evaluation
@@ -20,70 +19,153 @@ COMPONENT_LABELS: dict[Component, str] = {
 }
 
 
-def global_error_table(evaluations: Sequence[Evaluation]) -> Table:
+@dataclass(frozen=True)
+class Cell:
+    """A table's entry; the best of its kind is set in bold."""
+
+    text: str
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class ResultTable:
+    """Headings and rows; lines are drawn after every `group` rows."""
+
+    title: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    group: int = 1
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """One estimate's part of the paper's tables: evaluated here, or published elsewhere."""
+
+    name: str
+    global_error: dict[Component, PaperStatistics]
+    relative_error: dict[Component, PaperStatistics]
+
+    @staticmethod
+    def of(evaluation: Evaluation) -> ErrorRow:
+        """The row of an evaluation."""
+        return ErrorRow(
+            evaluation.name,
+            {part: evaluation.global_error.statistics(part) for part in COMPONENTS},
+            {part: evaluation.relative_error.statistics(part) for part in COMPONENTS},
+        )
+
+
+Column = tuple[str, Callable[[PaperStatistics], float], Callable[[float], str]]
+
+
+def fixed(value: float) -> str:
+    """Three decimals."""
+    return f"{value:.3f}"
+
+
+def percent(value: float) -> str:
+    """Two decimals and a percent sign."""
+    return f"{value:.2f} %"
+
+
+def thousandths(value: float) -> str:
+    """Two decimals and e-3, as the paper writes relative errors."""
+    return f"{1e3 * value:.2f}e-3"
+
+
+GLOBAL_COLUMNS: tuple[Column, ...] = (
+    ("max", lambda numbers: numbers.max, fixed),
+    ("max %", lambda numbers: numbers.max_percent, percent),
+    ("final %", lambda numbers: numbers.final_percent, percent),
+    ("RMS", lambda numbers: numbers.rms, fixed),
+    ("st. dev.", lambda numbers: numbers.std, fixed),
+)
+RELATIVE_COLUMNS: tuple[Column, ...] = (
+    ("max", lambda numbers: numbers.max, thousandths),
+    ("RMS", lambda numbers: numbers.rms, thousandths),
+    ("st. dev.", lambda numbers: numbers.std, thousandths),
+)
+
+
+def global_error_table(rows: Sequence[ErrorRow], sequence: str = "") -> ResultTable:
     """Error since the first pose, one row per estimate and component (the paper's Table I)."""
-    table = _table("Global error, since the first pose", "max", "max %", "final %")
-    for evaluation in evaluations:
-        for component in COMPONENTS:
-            numbers = evaluation.global_error.statistics(component)
-            table.add_row(
-                escape(evaluation.name) if component == COMPONENTS[0] else "",
-                COMPONENT_LABELS[component],
-                f"{numbers.max:.3f}",
-                f"{numbers.max_percent:.2f} %",
-                f"{numbers.final_percent:.2f} %",
-                f"{numbers.rms:.3f}",
-                f"{numbers.std:.3f}",
-            )
-        table.add_section()
-    return table
+    title = f"{sequence}: global error" if sequence else "Global error, since the first pose"
+    return _error_table(title, [(row.name, row.global_error) for row in rows], GLOBAL_COLUMNS)
 
 
-def relative_error_table(evaluations: Sequence[Evaluation]) -> Table:
+def relative_error_table(rows: Sequence[ErrorRow], sequence: str = "") -> ResultTable:
     """Error from state to state, one row per estimate and component (the paper's Table II)."""
-    table = _table("Relative error, from state to state", "max")
-    for evaluation in evaluations:
-        for component in COMPONENTS:
-            numbers = evaluation.relative_error.statistics(component)
-            table.add_row(
-                escape(evaluation.name) if component == COMPONENTS[0] else "",
-                COMPONENT_LABELS[component],
-                *(f"{1e3 * value:.2f}e-3" for value in (numbers.max, numbers.rms, numbers.std)),
-            )
-        table.add_section()
-    return table
+    title = f"{sequence}: relative error" if sequence else "Relative error, from state to state"
+    return _error_table(title, [(row.name, row.relative_error) for row in rows], RELATIVE_COLUMNS)
 
 
-def _table(title: str, *headings: str) -> Table:
-    table = Table(title=title, title_justify="left")
-    table.add_column("estimate")
-    table.add_column("")
-    for heading in (*headings, "RMS", "st. dev."):
-        table.add_column(heading, justify="right")
-    return table
+def _error_table(
+    title: str,
+    named: Sequence[tuple[str, dict[Component, PaperStatistics]]],
+    columns: Sequence[Column],
+) -> ResultTable:
+    rows: list[list[Cell]] = []
+    for name, _ in named:
+        for part in COMPONENTS:
+            label = name if part == COMPONENTS[0] else ""
+            rows.append([Cell(label), Cell(COMPONENT_LABELS[part])])
+    for offset, part in enumerate(COMPONENTS):
+        for _, pick, text in columns:
+            cells = best_marked([pick(errors[part]) for _, errors in named], text)
+            for index, cell in enumerate(cells):
+                rows[index * len(COMPONENTS) + offset].append(cell)
+    headings = ("estimate", "", *(heading for heading, _, _ in columns))
+    return ResultTable(title, headings, tuple(map(tuple, rows)), group=len(COMPONENTS))
 
 
-def summary_table(evaluations: Sequence[Evaluation]) -> Table:
-    """ATE and RPE (RMSE), path length and coverage, one column per estimate."""
-    table = Table(title="Trajectory error (RMSE)", title_justify="left")
-    table.add_column("")
-    for evaluation in evaluations:
-        table.add_column(escape(evaluation.name), justify="right")
-    columns = [_summary(evaluation) for evaluation in evaluations]
-    for label in columns[0]:
-        table.add_row(label, *(column[label] for column in columns))
-    return table
+def best_marked(values: Sequence[float], text: Callable[[float], str]) -> list[Cell]:
+    """Cells of competing values; the smallest, and what reads the same, is best of several."""
+    cells = [Cell(text(value) if isfinite(value) else "–") for value in values]
+    finite = [value for value in values if isfinite(value)]
+    if len(finite) < 2:
+        return cells
+    best = text(min(finite))
+    return [replace(cell, best=cell.text == best) for cell in cells]
 
 
-def _summary(evaluation: Evaluation) -> dict[str, str]:
-    ate, rpe = evaluation.ate, evaluation.rpe
-    return {
-        "ATE, SE(3) aligned": f"{ate['se3'].translation.rmse:.3f} m",
-        "ATE, yaw aligned": f"{ate['yaw'].translation.rmse:.3f} m",
-        "ATE, first pose aligned": f"{ate['first'].translation.rmse:.3f} m",
-        "RPE over 1 s": f"{rpe['1 s'].translation.rmse:.3f} m",
-        "RPE over 1 s, rotation": f"{rpe['1 s'].rotation.rmse:.4f} rad",
-        "RPE over 1 m": f"{rpe['1 m'].translation.rmse:.3f} m",
-        "path length": f"{evaluation.path_length:.2f} m",
-        "ground truth covered": f"{100 * evaluation.coverage:.1f} %",
-    }
+def summary_table(evaluations: Sequence[Evaluation], sequence: str = "") -> ResultTable:
+    """ATE and RPE (RMSE), drift, path length and coverage, one column per estimate."""
+    rows = []
+    for label, pick, text in SUMMARY_ROWS:
+        cells = best_marked([pick(evaluation) for evaluation in evaluations], text)
+        rows.append((Cell(label), *cells))
+    for label, describe in PLAIN_ROWS:
+        plain = (Cell(describe(evaluation)) for evaluation in evaluations)
+        rows.append((Cell(label), *plain))
+    title = f"{sequence}: trajectory error (RMSE)" if sequence else "Trajectory error (RMSE)"
+    return ResultTable(title, ("", *(one.name for one in evaluations)), tuple(rows), len(rows))
+
+
+def metres(value: float) -> str:
+    """Four decimals, a tenth of a millimetre."""
+    return f"{value:.4f} m"
+
+
+def degrees(value: float) -> str:
+    """Two decimals."""
+    return f"{value:.2f}°"
+
+
+RAD = 57.29577951308232
+
+SUMMARY_ROWS: tuple[tuple[str, Callable[[Evaluation], float], Callable[[float], str]], ...] = (
+    ("ATE, SE(3) aligned", lambda one: one.ate["se3"].translation.rmse, metres),
+    ("ATE, SE(3) aligned, rotation", lambda one: RAD * one.ate["se3"].rotation.rmse, degrees),
+    ("ATE, yaw aligned", lambda one: one.ate["yaw"].translation.rmse, metres),
+    ("ATE, first pose aligned", lambda one: one.ate["first"].translation.rmse, metres),
+    ("RPE over 1 s", lambda one: one.rpe["1 s"].translation.rmse, metres),
+    ("RPE over 1 s, rotation", lambda one: RAD * one.rpe["1 s"].rotation.rmse, degrees),
+    ("RPE over 1 m", lambda one: one.rpe["1 m"].translation.rmse, metres),
+    ("drift over half the path", lambda one: one.drift_percent, percent),
+)
+PLAIN_ROWS: tuple[tuple[str, Callable[[Evaluation], str]], ...] = (
+    ("scale that fits best", lambda one: f"{one.ate['sim3'].scale:.3f}"),
+    ("path length", lambda one: f"{one.path_length:.2f} m"),
+    ("poses compared", lambda one: f"{one.ate['se3'].translation.count}"),
+    ("ground truth covered", lambda one: f"{100 * one.coverage:.1f} %"),
+)

@@ -1,0 +1,89 @@
+"""What `gpvo eval` does: find the files, compare, print, write."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from gpvo.calibration import StereoRig
+from gpvo.errors import InputError
+from gpvo.evaluation.comparison import Comparison, Contender, Protocol, compare
+from gpvo.evaluation.sources import SequenceSources, find_sources
+from gpvo.evaluation.table_formats import to_rich
+
+
+def evaluate_command(
+    estimate: Path,
+    ground_truth: Path | None = None,
+    against: Sequence[str] = (),
+    output: Path | None = None,
+    protocol: Protocol | None = None,
+    rig: StereoRig | None = None,
+    console: Console | None = None,
+) -> list[Comparison]:
+    """Compare estimates with their ground truth, print the tables and write a report.
+
+    Parameters
+    ----------
+    estimate, ground_truth
+        See `find_sources`.
+    against
+        Competitors as "NAME=FILE".
+    output
+        Folder for the report; nothing is written without it.
+    protocol
+        How to compare.
+    rig
+        Calibration, for ground truths of the raw camera (MVSEC).
+    console
+        Where to print; the terminal by default.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or cannot be used.
+    """
+    console = console or Console()
+    competitors = dict(parse_competitor(text) for text in against)
+    comparisons = []
+    for sources in find_sources(estimate, ground_truth, competitors):
+        contenders = load_contenders(sources, rig, at_competitor=bool(competitors))
+        comparisons.append(compare(sources.name, contenders, protocol))
+        print_comparison(comparisons[-1], console)
+    if output is not None:
+        from gpvo.evaluation.report import write_report  # matplotlib is slow to import
+
+        write_report(output, comparisons)
+        console.print(f"report: {output / 'report.html'}")
+    return comparisons
+
+
+def parse_competitor(text: str) -> tuple[str, Path]:
+    """Name and file of "NAME=FILE"."""
+    name, separator, file = text.partition("=")
+    if not (name and separator and file):
+        raise InputError(f"--against {text}: expected NAME=FILE")
+    return name, Path(file)
+
+
+def load_contenders(
+    sources: SequenceSources, rig: StereoRig | None, at_competitor: bool
+) -> list[Contender]:
+    """Read the poses; with competitors, the first estimate is queried at the second's states."""
+    contenders = [Contender(source.name, *source.load(rig)) for source in sources.estimates]
+    if at_competitor:
+        first, competitor = contenders[:2]
+        stamps_ns = competitor.estimate.stamps_ns
+        contenders[0] = Contender(first.name, first.estimate, first.ground_truth, stamps_ns)
+    return contenders
+
+
+def print_comparison(comparison: Comparison, console: Console) -> None:
+    """Tables of one sequence and how they were made."""
+    for table in comparison.tables():
+        console.print(to_rich(table))
+    for name, offset in comparison.time_offsets.items():
+        console.print(f"{name}: clock offset {1e3 * offset:.1f} ms removed", highlight=False)
+    console.print(comparison.conditions + "\n", style="dim", highlight=False)

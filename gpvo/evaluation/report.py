@@ -1,0 +1,82 @@
+"""Results of comparisons on disk: tables, numbers, figures and one HTML page with all of them."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from gpvo.evaluation.comparison import Comparison
+from gpvo.evaluation.plots import error_figure, path_figure, path_figure_3d, png
+from gpvo.evaluation.table_formats import to_html, to_latex, to_markdown
+
+STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem }
+table { border-collapse: collapse; margin: 1.5rem 0; font-variant-numeric: tabular-nums }
+caption { text-align: left; font-weight: 600; padding-bottom: .4rem }
+th, td { padding: .2rem .9rem; text-align: right }
+th:first-child, td:first-child { text-align: left; padding-left: 0 }
+thead tr, tr.last { border-bottom: 1px solid #999 }
+img { max-width: 100%; height: auto; display: block; margin: 1rem 0 }
+.note { color: #555 }
+"""
+
+
+def write_report(directory: Path, comparisons: Sequence[Comparison]) -> None:
+    """Write metrics.json, tables.md, tables.tex, report.html and a folder of PNGs per sequence."""
+    directory.mkdir(parents=True, exist_ok=True)
+    numbers = [comparison.to_dict() for comparison in comparisons]
+    _write(directory / "metrics.json", json.dumps(numbers, indent=2) + "\n")
+    tables = [table for comparison in comparisons for table in comparison.tables()]
+    _write(directory / "tables.md", "\n".join(map(to_markdown, tables)))
+    _write(directory / "tables.tex", "\n".join(map(to_latex, tables)))
+    sections = []
+    for comparison in comparisons:
+        images = {name: png(figure) for name, figure in comparison_figures(comparison).items()}
+        folder = directory / comparison.sequence
+        folder.mkdir(exist_ok=True)
+        for name, image in images.items():
+            (folder / f"{name}.png").write_bytes(image)
+        sections.append(_html_section(comparison, images))
+    _write(directory / "report.html", _html_page("\n".join(sections)))
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_bytes(text.encode("utf-8"))
+
+
+def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
+    """The paper's figures: the path in space and from two sides, errors over path and time."""
+    evaluations = comparison.evaluations
+    estimates = {evaluation.name: evaluation.estimate for evaluation in evaluations}
+    ground_truth = evaluations[0].ground_truth
+    return {
+        "path_3d": path_figure_3d(estimates, ground_truth),
+        "path": path_figure(estimates, ground_truth),
+        "error_over_path": error_figure(evaluations, over="path"),
+        "error_over_time": error_figure(evaluations, over="time"),
+    }
+
+
+def _html_section(comparison: Comparison, images: dict[str, bytes]) -> str:
+    tables = "\n".join(map(to_html, comparison.tables()))
+    note = f'<p class="note">{escape(comparison.conditions)}</p>'
+    figures = "\n".join(_html_image(name, image) for name, image in images.items())
+    return f"<h2>{escape(comparison.sequence)}</h2>\n{tables}\n{note}\n{figures}"
+
+
+def _html_image(name: str, image: bytes) -> str:
+    text, data = name.replace("_", " "), b64encode(image).decode("ascii")
+    return f'<img alt="{text}" src="data:image/png;base64,{data}">'
+
+
+def _html_page(body: str) -> str:
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f"<title>Trajectory evaluation</title>\n<style>{STYLE}</style>\n</head>\n"
+        f"<body>\n<h1>Trajectory evaluation</h1>\n{body}\n</body>\n</html>\n"
+    )
