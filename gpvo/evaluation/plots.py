@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import ArrayLike
 
-from gpvo.evaluation.paper import from_first_pose
-from gpvo.poses import StampedPoses
+from gpvo.poses import StampedPoses, inverse_transforms
 
 if TYPE_CHECKING:
     from gpvo.evaluation.evaluate import Evaluation
@@ -40,10 +39,10 @@ class Stretch:
 
 
 def path_figure(estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None) -> Figure:
-    """Paths from above and from the side, each seen from its own first pose.
+    """Paths from above and from the side.
 
-    Give poses over a common time, as an `Evaluation` holds them, or the paths start at different
-    places of the same motion.
+    Give estimates in the ground truth's world, as an `Evaluation` holds them; they are seen from
+    its first pose, or from the first estimate's first pose where there is no ground truth.
     """
     figure = new_figure(9.0, 4.6)
     above, side = figure.subplots(1, 2)
@@ -64,7 +63,7 @@ def path_figure(estimates: Mapping[str, StampedPoses], ground_truth: StampedPose
 def path_figure_3d(
     estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None
 ) -> Figure:
-    """Paths in space, height upwards, each seen from its own first pose."""
+    """Paths in space, height upwards, in the frame of `path_figure`."""
     figure = new_figure(6.4, 4.8)
     axes = figure.add_subplot(projection="3d", elev=22.0, azim=-60.0)
     for name, positions, style in _paths(estimates, ground_truth):
@@ -81,11 +80,13 @@ def path_figure_3d(
 def _paths(
     estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None
 ) -> Iterable[tuple[str, np.ndarray, dict]]:
+    first = next(iter(estimates.values())) if ground_truth is None else ground_truth
+    T_first_world = inverse_transforms(first.T_world_cam[0])
     if ground_truth is not None:
         style = {"color": TRUTH_COLOUR, "linewidth": 2.2}
-        yield "ground truth", from_first_pose(ground_truth)[:, :3, 3], style
+        yield "ground truth", ground_truth.in_world(T_first_world).positions, style
     for (name, poses), colour in zip(estimates.items(), colours(len(estimates)), strict=True):
-        yield name, from_first_pose(poses)[:, :3, 3], {"color": colour, "linewidth": 1.4}
+        yield name, poses.in_world(T_first_world).positions, {"color": colour, "linewidth": 1.4}
 
 
 def error_figure(

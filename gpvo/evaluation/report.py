@@ -8,11 +8,13 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from gpvo.evaluation.comparison import Comparison
 from gpvo.evaluation.plots import error_figure, path_figure, path_figure_3d, png
 from gpvo.evaluation.table_formats import to_html, to_latex, to_markdown
+from gpvo.poses import StampedPoses
 
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem }
@@ -53,13 +55,19 @@ def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
     """The paper's figures: the path in space and from two sides, errors over path and time."""
     evaluations = comparison.evaluations
     estimates = {evaluation.name: evaluation.estimate for evaluation in evaluations}
-    ground_truth = evaluations[0].ground_truth
+    ground_truth = _joined([evaluation.ground_truth for evaluation in evaluations])
     return {
         "path_3d": path_figure_3d(estimates, ground_truth),
         "path": path_figure(estimates, ground_truth),
         "error_over_path": error_figure(evaluations, over="path"),
         "error_over_time": error_figure(evaluations, over="time"),
     }
+
+
+def _joined(parts: Sequence[StampedPoses]) -> StampedPoses:
+    """One series of all the stamps at which the ground truth was compared."""
+    stamps, first = np.unique(np.concatenate([part.stamps_ns for part in parts]), return_index=True)
+    return StampedPoses(stamps, np.concatenate([part.T_world_cam for part in parts])[first])
 
 
 def _html_section(comparison: Comparison, images: dict[str, bytes]) -> str:
