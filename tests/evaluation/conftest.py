@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 
 from gpvo.poses import StampedPoses, rigid_transforms
@@ -20,6 +22,19 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip("the folder ../shared with reference trajectories is not there")
     return SHARED
+
+
+@pytest.fixture(scope="session")
+def room1_truth(shared) -> StampedPoses:
+    """T_world_cam of the rectified left camera of room1_indoor1."""
+    recordings = shared / "recordings"
+    camchain = yaml.safe_load((recordings / "camchain-imucam-indoor_flying.yaml").read_text())
+    T_raw_rect = np.eye(4)
+    T_raw_rect[:3, :3] = np.array(camchain["cam0"]["rectification_matrix"]).T
+    with h5py.File(recordings / "room1_indoor1_gt.hdf5") as file:
+        T_world_raw = file["davis/left/pose"][:]
+        stamps_ns = np.round(file["davis/left/pose_ts"][:] * 1e9).astype(np.int64)
+    return StampedPoses(stamps_ns, T_world_raw).seen_from(T_raw_rect)
 
 
 @pytest.fixture(scope="session")
