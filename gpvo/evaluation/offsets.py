@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import least_squares, minimize_scalar
+from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
 from gpvo.evaluation.alignment import nearest_rotation, umeyama_alignment
@@ -14,8 +15,6 @@ from gpvo.poses import StampedPoses
 
 SAMPLE_NS = 5_000_000
 """Motions are sampled every 5 ms for the time offset."""
-
-LEVER_ARM_ITERATIONS = 30
 
 LEAST_TURNING = 0.05
 """Radians (RMS) by which a direction must turn for a lever arm along it to be seen."""
@@ -91,35 +90,39 @@ def find_body_offset(
 ) -> NDArray[np.float64]:
     """Constant T_truth_estimate (4, 4) between the two bodies whose poses are compared.
 
-    The worlds are aligned by the positions (Umeyama, no scale), then the mean of the remaining
-    rotation is the bodies' offset.
+    The worlds are aligned by the positions (least squares, no scale), then the mean of the
+    remaining rotation is the bodies' offset.
 
     Parameters
     ----------
     estimate, ground_truth
         As many poses of one as of the other.
     lever_arm
-        Fit the translation between the bodies too, in turn with the alignment of the worlds, in
-        those directions that the rotation shows. Without it, the bodies share their origin.
+        Fit the translation between the bodies too, together with the alignment of the worlds and
+        in those directions that the rotation shows. Without it, the bodies share their origin.
     """
+    R_truth_world = umeyama_alignment(estimate.positions, ground_truth.positions).rotation
     offset = np.eye(4)
-    for _ in range(LEVER_ARM_ITERATIONS if lever_arm else 1):
-        body = ground_truth.seen_from(offset)
-        aligned = umeyama_alignment(estimate.positions, body.positions).apply(estimate)
-        change = np.swapaxes(ground_truth.rotations, 1, 2) @ aligned.rotations
-        offset[:3, :3] = nearest_rotation(change.sum(axis=0))
-        if lever_arm:
-            offset[:3, 3] = _lever_arm(ground_truth, aligned.positions)
+    if lever_arm:
+        R_truth_world, offset[:3, 3] = _lever_arm(estimate, ground_truth, R_truth_world)
+    turns = np.swapaxes(ground_truth.rotations, 1, 2) @ R_truth_world @ estimate.rotations
+    offset[:3, :3] = nearest_rotation(turns.sum(axis=0))
     return offset
 
 
-def _lever_arm(ground_truth: StampedPoses, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Place p in the true body with least spread of (R_k p + t_k - position_k)."""
+def _lever_arm(
+    estimate: StampedPoses, ground_truth: StampedPoses, R_truth_world: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """World rotation R and place p with least spread of R x_k - (y_k + R_k p) over all poses k."""
     turning = ground_truth.rotations - ground_truth.rotations.mean(axis=0)
-    distances = positions - ground_truth.positions
-    distances = distances - distances.mean(axis=0)
-    normal = np.einsum("kij,kil->jl", turning, turning) / len(positions)
-    right = np.einsum("kij,ki->j", turning, distances) / len(positions)
-    weights, directions = np.linalg.eigh(normal)
-    shown = weights > LEAST_TURNING**2
-    return directions[:, shown] @ (directions[:, shown].T @ right / weights[shown])
+    weights, directions = np.linalg.eigh(np.mean(np.swapaxes(turning, 1, 2) @ turning, axis=0))
+    shown = directions[:, weights > LEAST_TURNING**2]
+    points = estimate.positions - estimate.positions.mean(axis=0)
+    targets = ground_truth.positions - ground_truth.positions.mean(axis=0)
+
+    def spread(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        rotation = Rotation.from_rotvec(parameters[:3]).as_matrix() @ R_truth_world
+        return (points @ rotation.T - targets - turning @ (shown @ parameters[3:])).ravel()
+
+    best = least_squares(spread, np.zeros(3 + shown.shape[1])).x
+    return Rotation.from_rotvec(best[:3]).as_matrix() @ R_truth_world, shown @ best[3:]
