@@ -53,6 +53,16 @@ class StampedPoses:
                 f" follows one at {seconds_text(self.stamps_ns[index - 1])} s"
             )
 
+    @staticmethod
+    def read_from(
+        place: str, stamps_ns: NDArray[np.int64], T_world_cam: NDArray[np.float64]
+    ) -> StampedPoses:
+        """Poses read from a file; errors name the place, a file or a part of one."""
+        try:
+            return StampedPoses(stamps_ns, T_world_cam)
+        except InputError as error:
+            raise InputError(f"{place}: {error}") from error
+
     def __len__(self) -> int:
         return len(self.stamps_ns)
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.evaluation.association import associate, resample, tolerance_for
-from gpvo.evaluation.offsets import find_body_offset, find_time_offset
 from gpvo.evaluation.evaluate import Evaluation, evaluate
+from gpvo.evaluation.offsets import find_body_offset, find_time_offset
 from gpvo.evaluation.paper import FrameTransform
 from gpvo.evaluation.tables import (
     ErrorRow,

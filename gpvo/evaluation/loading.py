@@ -89,7 +89,7 @@ def _read_kitti(path: Path, lines: list[str]) -> StampedPoses:
     T_world_cam = np.zeros((len(poses), 4, 4))
     T_world_cam[:, :3] = poses
     T_world_cam[:, 3, 3] = 1.0
-    return StampedPoses(_kitti_stamps(path, len(poses)), T_world_cam)
+    return StampedPoses.read_from(str(path), _kitti_stamps(path, len(poses)), T_world_cam)
 
 
 def _kitti_stamps(path: Path, count: int) -> np.ndarray:
@@ -123,8 +123,6 @@ def read_mvsec_poses(path: Path, rig: StereoRig | None) -> StampedPoses:
         raise InputError(f"{path}: davis/left/pose_ts holds numbers that are not finite")
     T_raw_rect = np.eye(4)
     T_raw_rect[:3, :3] = rig.left.R_rect.T
-    try:
-        poses = StampedPoses(np.round(seconds * 1e9).astype(np.int64), T_world_raw)
-    except InputError as error:
-        raise InputError(f"{path}: davis/left/pose: {error}") from error
+    stamps_ns = np.round(seconds * 1e9).astype(np.int64)
+    poses = StampedPoses.read_from(f"{path}: davis/left/pose", stamps_ns, T_world_raw)
     return poses.seen_from(T_raw_rect)

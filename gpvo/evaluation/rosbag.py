@@ -65,7 +65,5 @@ def _stamped_poses(stamps: list[int], values: np.ndarray, place: str) -> Stamped
     if not np.linalg.norm(values[:, 3:], axis=1).all():
         raise InputError(f"{place}: holds an orientation that is no rotation (all zeros)")
     rotations = Rotation.from_quat(values[:, 3:]).as_matrix()
-    try:
-        return StampedPoses(np.array(stamps, np.int64), rigid_transforms(rotations, values[:, :3]))
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from error
+    transforms = rigid_transforms(rotations, values[:, :3])
+    return StampedPoses.read_from(place, np.array(stamps, np.int64), transforms)

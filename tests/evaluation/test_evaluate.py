@@ -1,0 +1,135 @@
+"""The whole evaluation: known reference numbers, sampling, tables and JSON."""
+
+import json
+from io import StringIO
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from gpvo.errors import InputError
+from gpvo.evaluation import common_stamps, evaluate
+from gpvo.evaluation.paper import COMPONENTS, PaperStatistics
+from gpvo.evaluation.table_formats import to_html, to_latex, to_markdown, to_rich
+from gpvo.evaluation.tables import Cell, ErrorRow, ResultTable, global_error_table
+from gpvo.poses import StampedPoses
+from gpvo.tum import read_tum
+
+
+@pytest.mark.parametrize(
+    ("name", "final_percent", "rms", "relative_rms", "ate"),
+    [("esvo_ros", 9.4, 0.52, 1.50e-2, 0.21), ("esvo_offline", 10.6, 0.54, 1.57e-2, 0.22)],
+)
+def test_esvo_on_room1(shared, room1_truth, name, final_percent, rms, relative_rms, ate):
+    """Numbers known for ESVO on this recording, to their last digit."""
+    estimate = read_tum(shared / "reference" / "room1_indoor1" / f"{name}.txt")
+    evaluation = evaluate(estimate, room1_truth, step=0.01)
+    translation = evaluation.global_error.statistics("translation")
+    assert translation.final_percent == pytest.approx(final_percent, abs=0.05)
+    assert translation.rms == pytest.approx(rms, abs=0.005)
+    relative = evaluation.relative_error.statistics("se3")
+    assert relative.rms == pytest.approx(relative_rms, abs=0.5e-4)
+    assert evaluation.ate["se3"].translation.rmse == pytest.approx(ate, abs=0.005)
+    assert evaluation.coverage == pytest.approx(0.98, abs=0.005)
+
+
+def test_sampling_every_step_of_the_common_time(random_walk):
+    truth = random_walk(1, 300)
+    estimate = random_walk(2, 200)[50:]
+    stamps = common_stamps(estimate, truth, 0.01)
+    assert stamps[0] == estimate.stamps_ns[0]
+    assert (np.diff(stamps) == 10_000_000).all()
+    assert estimate.stamps_ns[-1] - 10_000_000 <= stamps[-1] < estimate.stamps_ns[-1]
+
+
+def test_given_stamps_outside_the_common_time_are_left_out(random_walk):
+    truth, estimate = random_walk(1, 300), random_walk(2, 200)
+    evaluation = evaluate(estimate, truth, stamps_ns=truth.stamps_ns)
+    np.testing.assert_array_equal(evaluation.estimate.stamps_ns, estimate.stamps_ns)
+    assert len(evaluation.relative_error.twists) == len(estimate) - 1
+    assert evaluation.coverage == pytest.approx(1.99 / 2.99)
+
+
+def test_the_first_poses_are_aligned(random_walk):
+    evaluation = evaluate(random_walk(1), random_walk(2))
+    first, truth = evaluation.estimate.T_world_cam[0], evaluation.ground_truth.T_world_cam[0]
+    np.testing.assert_allclose(first, truth, atol=1e-12)
+    offsets = evaluation.estimate.positions - evaluation.ground_truth.positions
+    rms = np.sqrt(np.mean(np.sum(offsets**2, axis=1)))
+    assert evaluation.ate["first"].translation.rmse == pytest.approx(rms)
+
+
+def test_different_clocks_are_named(random_walk):
+    poses = random_walk()
+    late = StampedPoses(poses.stamps_ns + 10**12, poses.T_world_cam)
+    with pytest.raises(InputError, match="same clock"):
+        evaluate(poses, late)
+
+
+def test_a_platform_at_rest_has_no_percentages():
+    stamps = np.arange(100, dtype=np.int64) * 10_000_000
+    still = StampedPoses(stamps, np.tile(np.eye(4), (100, 1, 1)))
+    numbers = json.loads(evaluate(still, still).to_json())
+    assert numbers["global_error"]["translation"]["final_percent"] is None
+    assert numbers["rpe"]["1 m"]["translation"]["rmse"] is None
+    assert numbers["global_error"]["translation"]["rms"] == 0.0
+
+
+def test_json_holds_what_the_evaluation_holds(random_walk):
+    evaluation = evaluate(random_walk(1), random_walk(2), name="ours")
+    numbers = json.loads(evaluation.to_json())
+    assert numbers["name"] == "ours"
+    for part in COMPONENTS:
+        expected = evaluation.relative_error.statistics(part).to_dict()
+        assert numbers["relative_error"][part] == pytest.approx(expected)
+    assert evaluation.to_json() == evaluate(random_walk(1), random_walk(2), name="ours").to_json()
+
+
+def test_an_evaluation_prints_itself_in_eighty_columns(random_walk):
+    output = StringIO()
+    Console(width=80, file=output).print(evaluate(random_walk(1), random_walk(2), name="my [one]"))
+    text = output.getvalue()
+    assert "my [one]" in text
+    assert "…" not in text
+    for word in ("tran. (m)", "rota. (rad)", "final %", "ATE, SE(3) aligned"):
+        assert word in text
+
+
+def row(name: str, size: float) -> ErrorRow:
+    statistics = PaperStatistics(size, 10 * size, 5 * size, 0.5 * size, float("nan"))
+    errors = dict.fromkeys(COMPONENTS, statistics)
+    return ErrorRow(name, errors, errors)
+
+
+def test_the_best_of_several_is_bold():
+    table = global_error_table([row("one", 0.2), row("two", 0.1)])
+    assert [cell.best for cell in table.rows[0][2:]] == [False] * 5
+    assert [cell.best for cell in table.rows[3][2:]] == [True] * 4 + [False]
+    assert table.rows[0][6].text == "–"
+    assert not any(
+        cell.best for cells in global_error_table([row("one", 0.2)]).rows for cell in cells
+    )
+
+
+def test_estimates_of_the_same_name_keep_their_rows():
+    table = global_error_table([row("same", 0.2), row("same", 0.1)])
+    assert (table.rows[0][2].text, table.rows[3][2].text) == ("0.200", "0.100")
+
+
+STRANGE = ResultTable("50 % & more", ("a_b", "c|d"), ((Cell("<x>", True), Cell("1.25e-3", True)),))
+
+
+def test_every_format_escapes_its_special_characters():
+    latex = to_latex(STRANGE)
+    assert r"50 \% \& more" in latex and r"a\_b" in latex
+    assert r"$\boldsymbol{1.25 \cdot 10^{-3}}$" in latex
+    html = to_html(STRANGE)
+    assert "<td><b>&lt;x&gt;</b></td>" in html and "50 % &amp; more" in html
+    assert r"**<x>**" in to_markdown(STRANGE)
+    assert to_rich(STRANGE).row_count == 1
+
+
+def test_markdown_tables_are_rectangular(random_walk):
+    rows = [ErrorRow.of(evaluate(random_walk(1), random_walk(2)))]
+    lines = to_markdown(global_error_table(rows)).splitlines()[2:]
+    assert len({line.count("|") for line in lines}) == 1

@@ -1,0 +1,65 @@
+"""Figures: what is drawn, and that equal figures are equal files."""
+
+import numpy as np
+import pytest
+
+from gpvo.evaluation import evaluate
+from gpvo.evaluation.plots import (
+    Stretch,
+    error_figure,
+    path_figure,
+    path_figure_3d,
+    png,
+    save_figure,
+    series_figure,
+)
+
+
+@pytest.fixture(scope="module")
+def evaluations(random_walk):
+    truth = random_walk(1)
+    return [evaluate(random_walk(seed), truth, name=f"estimate {seed}") for seed in (2, 3)]
+
+
+def test_errors_are_drawn_over_path_and_time(evaluations):
+    start = int(evaluations[0].estimate.stamps_ns[0])
+    stretch = Stretch(start + 500_000_000, start + 700_000_000, "few tracklets")
+    for over, reach in (("path", evaluations[0].path_length), ("time", 1.98)):
+        axes = error_figure(evaluations, over, [stretch]).axes
+        x, y = axes[0].lines[0].get_data()
+        assert x[-1] == pytest.approx(reach)
+        np.testing.assert_array_equal(y, evaluations[0].global_error.norms["translation"])
+        assert axes[2].get_yscale() == "log"
+        assert len(axes[0].patches) == 1
+
+
+def test_paths_start_where_the_ground_truth_starts(evaluations):
+    estimates = {one.name: one.estimate for one in evaluations}
+    truth = evaluations[0].ground_truth
+    above, side = path_figure(estimates, truth).axes
+    for axes in (above, side):
+        assert axes.get_aspect() == 1.0
+        for line in axes.lines:
+            np.testing.assert_allclose([line.get_xdata()[0], line.get_ydata()[0]], 0.0, atol=1e-9)
+    body = np.linalg.inv(truth.T_world_cam[0]) @ truth.T_world_cam[-1]
+    assert above.lines[0].get_xdata()[-1] == pytest.approx(body[0, 3])
+    assert side.lines[0].get_ydata()[-1] == pytest.approx(-body[1, 3])
+
+
+def test_a_path_needs_no_ground_truth(random_walk):
+    figure = path_figure({"gpvo": random_walk(1)}, None)
+    assert len(figure.axes[0].lines) == 2  # the path and its start
+
+
+def test_equal_figures_are_equal_files(evaluations, tmp_path):
+    estimates = {one.name: one.estimate for one in evaluations}
+    draw = [
+        lambda: path_figure_3d(estimates, evaluations[0].ground_truth),
+        lambda: series_figure([0.0, 1.0], {"tracklets": [3, 4]}, "tracklets", whole_numbers=True),
+    ]
+    for make in draw:
+        save_figure(make(), tmp_path / "figure.png")
+        data = (tmp_path / "figure.png").read_bytes()
+        assert data == png(make())
+        assert data.startswith(b"\x89PNG")
+        assert b"matplotlib" not in data.lower()
