@@ -59,7 +59,7 @@ def find_sources(
         If there is no estimate, or no ground truth for it.
     """
     if not path.is_dir() or (path / "metadata.yaml").exists() or _holds_trajectory(path):
-        sequence = path.resolve().stem
+        sequence = path.resolve().name if path.is_dir() else path.stem
         return [_sequence(sequence, [path], ground_truth, against or {})]
     estimates = _estimates_in(path)
     if estimates:

@@ -1,0 +1,176 @@
+"""`gpvo eval`: which files it finds, what it prints and writes."""
+
+import json
+import re
+from io import StringIO
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+from rich.console import Console
+
+from gpvo.errors import InputError
+from gpvo.evaluation.command import evaluate_command, parse_competitor
+from gpvo.evaluation.comparison import Contender, Protocol, compare
+from gpvo.evaluation.sources import find_sources
+from gpvo.tum import write_tum
+
+
+@pytest.fixture
+def sequence(random_walk, tmp_path):
+    """A result folder, a competitor and a ground truth."""
+    truth = random_walk(1, 300)
+    write_tum(tmp_path / "truth.txt", truth)
+    (tmp_path / "results").mkdir()
+    write_tum(tmp_path / "results" / "trajectory.tum", random_walk(2, 300))
+    write_tum(tmp_path / "esvo.txt", random_walk(3, 70, 30_000_000))
+    return tmp_path
+
+
+def run(*arguments, **options):
+    output = StringIO()
+    console = Console(file=output, width=100)
+    return evaluate_command(*arguments, console=console, **options), output.getvalue()
+
+
+def test_a_result_against_a_competitor(sequence):
+    """As in the paper, both are compared at the competitor's states."""
+    comparisons, text = run(
+        sequence / "results",
+        sequence / "truth.txt",
+        against=[f"ESVO={sequence / 'esvo.txt'}"],
+        output=sequence / "report",
+    )
+    ours, esvo = comparisons[0].evaluations
+    assert (ours.name, esvo.name) == ("gpvo", "ESVO")
+    np.testing.assert_array_equal(ours.estimate.stamps_ns, esvo.estimate.stamps_ns)
+    assert len(ours.estimate) == 70
+    for word in ("global error", "relative error", "trajectory error", "ESVO", "at the states"):
+        assert word in text
+    numbers = json.loads((sequence / "report" / "metrics.json").read_text())
+    assert [one["name"] for one in numbers[0]["estimates"]] == ["gpvo", "ESVO"]
+    assert numbers[0]["estimates"][0] == ours.to_dict()
+
+
+def test_the_report_is_whole_and_reproducible(sequence):
+    for name in ("one", "two"):
+        run(sequence / "results", sequence / "truth.txt", output=sequence / name)
+    files = sorted(path.relative_to(sequence / "one") for path in (sequence / "one").rglob("*.*"))
+    assert {path.name for path in files} == {
+        "metrics.json", "tables.md", "tables.tex", "report.html",
+        "path.png", "path_3d.png", "error_over_path.png", "error_over_time.png",
+    }  # fmt: skip
+    for path in files:
+        assert (sequence / "one" / path).read_bytes() == (sequence / "two" / path).read_bytes()
+    html = (sequence / "one" / "report.html").read_text()
+    assert len(re.findall(r'<img [^>]*src="data:image/png;base64,', html)) == 4
+    assert not re.findall(r'(?:src|href)="(?!data:)', html)
+    assert html.count("<table>") == 3
+
+
+def test_a_fixed_step_overrides_the_states(sequence):
+    competitor = [f"ESVO={sequence / 'esvo.txt'}"]
+    (comparison,), _ = run(
+        sequence / "results", sequence / "truth.txt", competitor, protocol=Protocol(step=0.05)
+    )
+    for evaluation in comparison.evaluations:
+        assert (np.diff(evaluation.estimate.stamps_ns) == 50_000_000).all()
+
+
+def test_offsets_of_clock_and_body_are_removed_when_asked(random_walk, random_transform):
+    truth = random_walk(5, 500)
+    T = random_transform(1)
+    T[:3, 3] = 0.0
+    estimate = truth.seen_from(T)
+    late = type(estimate)(estimate.stamps_ns - 30_000_000, estimate.T_world_cam)
+    plain = compare("walk", [Contender("late", late, truth)])
+    fair = compare(
+        "walk", [Contender("late", late, truth)], Protocol(align_body="rotation", align_time=True)
+    )
+    assert fair.time_offsets["late"] == pytest.approx(0.03, abs=2e-4)
+    assert fair.evaluations[0].ate["first"].rotation.rmse < 1e-2
+    assert plain.evaluations[0].ate["se3"].rotation.rmse > 0.5
+    assert "body offset removed (rotation)" in fair.conditions
+
+
+def test_another_body_is_pointed_out(random_walk, tmp_path):
+    truth = random_walk(5)
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0])
+    write_tum(tmp_path / "stamped_groundtruth.txt", truth)
+    write_tum(tmp_path / "turned.txt", truth.seen_from(turned))
+    _, text = run(tmp_path / "turned.txt")
+    assert "--align-body" in text
+    _, text = run(tmp_path / "turned.txt", protocol=Protocol(align_body="rotation"))
+    assert "--align-body" not in text
+
+
+def test_ground_truth_is_found_beside_the_estimate(random_walk, tmp_path):
+    for folder in ("b_sequence", "a_sequence"):
+        (tmp_path / folder).mkdir()
+        for name in ("esvo", "es_ptam", "es_ptam_groundtruth", "stamped_groundtruth"):
+            write_tum(tmp_path / folder / f"{name}.txt", random_walk())
+    (tmp_path / "no_sequence").mkdir()
+    sequences = find_sources(tmp_path)
+    assert [sequence.name for sequence in sequences] == ["a_sequence", "b_sequence"]
+    found = [(one.name, one.ground_truth.name) for one in sequences[0].estimates]
+    assert found == [
+        ("es_ptam", "es_ptam_groundtruth.txt"),
+        ("esvo", "stamped_groundtruth.txt"),
+    ]
+    (single,) = find_sources(tmp_path / "a_sequence" / "esvo.txt")
+    assert single.estimates[0].ground_truth.name == "stamped_groundtruth.txt"
+
+
+def test_rpg_folder(random_walk, tmp_path):
+    write_tum(tmp_path / "stamped_traj_estimate.txt", random_walk(1))
+    write_tum(tmp_path / "stamped_groundtruth.txt", random_walk(2))
+    (comparison,), _ = run(tmp_path)
+    assert len(comparison.evaluations) == 1
+
+
+def test_missing_inputs_are_named(sequence, tmp_path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="--ground-truth"):
+        find_sources(sequence / "results")
+    with pytest.raises(InputError, match="holds no estimate"):
+        find_sources(tmp_path / "empty")
+    with pytest.raises(InputError, match="no such file"):
+        run(sequence / "results", sequence / "nowhere.txt")
+    for text in ("ESVO", "=file.txt", "ESVO="):
+        with pytest.raises(InputError, match="NAME=FILE"):
+            parse_competitor(text)
+
+
+@pytest.mark.parametrize(
+    ("path", "name", "ate"),
+    [
+        ("mvsec_indoor_flying1", "esvo2", 0.076),
+        ("mvsec_indoor_flying3", "esvo2", 0.073),
+        ("mvsec_indoor_flying1", "es_ptam", 0.149),
+        ("dsec_zurich_city_04_a", "esvo", 3.74),
+    ],
+)
+def test_known_errors_of_other_systems(shared, path, name, ate):
+    (comparison,), text = run(shared / "reference" / path / f"{name}.txt")
+    found = comparison.evaluations[0].ate["se3"].translation.rmse
+    assert found == pytest.approx(ate, abs=6e-3 if ate > 1 else 6e-4)
+    assert f"{found:.4f} m" in text
+
+
+def test_esvo_on_room1_in_one_command(shared):
+    """The two runs of ESVO against each other, every 0.01 s, with the README's numbers."""
+    recordings, reference = shared / "recordings", shared / "reference" / "room1_indoor1"
+    camchain = yaml.safe_load((recordings / "camchain-imucam-indoor_flying.yaml").read_text())
+    R_rect = np.array(camchain["cam0"]["rectification_matrix"])
+    (comparison,), _ = run(
+        reference / "esvo_ros.txt",
+        recordings / "room1_indoor1_gt.hdf5",
+        against=[f"ESVO (offline)={reference / 'esvo_offline.txt'}"],
+        protocol=Protocol(step=0.01),
+        rig=SimpleNamespace(left=SimpleNamespace(R_rect=R_rect)),
+    )
+    finals = [
+        one.global_error.statistics("translation").final_percent for one in comparison.evaluations
+    ]
+    assert finals == pytest.approx([9.4, 10.6], abs=0.05)
