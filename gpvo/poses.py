@@ -141,17 +141,6 @@ def rigid_transforms(
     return transforms
 
 
-def inverse_transforms(transforms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverses (..., 4, 4) of rigid transforms (..., 4, 4)."""
-    inverses = np.zeros_like(transforms)
-    inverses[..., :3, :3] = np.swapaxes(transforms[..., :3, :3], -1, -2)
-    inverses[..., :3, 3] = -np.einsum(
-        "...ji,...j->...i", transforms[..., :3, :3], transforms[..., :3, 3]
-    )
-    inverses[..., 3, 3] = 1.0
-    return inverses
-
-
 def quaternions(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, 4) unit quaternions x, y, z, w with w >= 0 of rotations (N, 3, 3)."""
     return Rotation.from_matrix(rotations).as_quat(canonical=True)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gpvo.poses import StampedPoses, inverse_transforms, rigid_transforms
+from factors.lie import se3_inverse
+from gpvo.poses import StampedPoses, rigid_transforms
 
 AlignmentMethod = Literal["se3", "sim3", "yaw", "first", "none"]
 
@@ -55,7 +56,7 @@ def find_alignment(
 
 def first_pose_alignment(estimate: StampedPoses, ground_truth: StampedPoses) -> Alignment:
     """The first poses coincide, in position and in orientation."""
-    T = ground_truth.T_world_cam[0] @ inverse_transforms(estimate.T_world_cam[0])
+    T = ground_truth.T_world_cam[0] @ se3_inverse(estimate.T_world_cam[0])
     return Alignment(T[:3, :3], T[:3, 3])
 
 

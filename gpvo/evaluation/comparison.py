@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.lie import se3_inverse
 from gpvo.evaluation.association import associate, resample, tolerance_for
 from gpvo.evaluation.evaluate import Evaluation, evaluate
 from gpvo.evaluation.offsets import find_body_offset, find_time_offset
@@ -20,7 +21,7 @@ from gpvo.evaluation.tables import (
     relative_error_table,
     summary_table,
 )
-from gpvo.poses import StampedPoses, inverse_transforms
+from gpvo.poses import StampedPoses
 
 Association = Literal["nearest", "interpolated"]
 BodyAlignment = Literal["none", "rotation", "full"]
@@ -178,4 +179,4 @@ def _body_aligned(
         return estimate
     pair = protocol.pair(estimate, ground_truth)
     T_truth_estimate = find_body_offset(*pair, lever_arm=protocol.align_body == "full")
-    return estimate.seen_from(inverse_transforms(T_truth_estimate))
+    return estimate.seen_from(se3_inverse(T_truth_estimate))

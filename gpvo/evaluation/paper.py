@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.evaluation.twist import log
-from gpvo.poses import StampedPoses, inverse_transforms
+from factors.lie import se3_inverse, se3_log
+from gpvo.poses import StampedPoses
 
 Component = Literal["translation", "rotation", "se3"]
 COMPONENTS: tuple[Component, ...] = ("translation", "rotation", "se3")
@@ -37,8 +37,8 @@ def err(
     T_gt_est
         (N, 4, 4) transforms from the estimated frame m to the true frame m, T_{m_gt,m}.
     """
-    in_true_frame = T_gt_est @ T_n_m @ inverse_transforms(T_gt_est)
-    return log(in_true_frame @ inverse_transforms(T_n_m_gt))
+    in_true_frame = T_gt_est @ T_n_m @ se3_inverse(T_gt_est)
+    return se3_log(in_true_frame @ se3_inverse(T_n_m_gt))
 
 
 def global_error(estimate: StampedPoses, ground_truth: StampedPoses) -> PoseErrors:
@@ -48,7 +48,7 @@ def global_error(estimate: StampedPoses, ground_truth: StampedPoses) -> PoseErro
     whole error at t_k and the equation reduces to its logarithm.
     """
     T_1_k, T_1_k_gt = from_first_pose(estimate), from_first_pose(ground_truth)
-    T_gt_est = inverse_transforms(T_1_k_gt) @ T_1_k
+    T_gt_est = se3_inverse(T_1_k_gt) @ T_1_k
     return PoseErrors(err(T_1_k, T_1_k_gt, T_gt_est), motion_integrals(ground_truth))
 
 
@@ -70,25 +70,25 @@ def relative_error(
     if aligned_at == "step":
         T_gt_est = np.broadcast_to(np.eye(4), T_1_k[1:].shape)
     else:
-        T_gt_est = (inverse_transforms(T_1_k_gt) @ T_1_k)[1:]
+        T_gt_est = (se3_inverse(T_1_k_gt) @ T_1_k)[1:]
     twists = err(steps(T_1_k), steps(T_1_k_gt), T_gt_est)
     return PoseErrors(twists, motion_integrals(ground_truth))
 
 
 def from_first_pose(poses: StampedPoses) -> NDArray[np.float64]:
     """(N, 4, 4) transforms T_{1,k} from camera k to the first camera."""
-    return inverse_transforms(poses.T_world_cam[:1]) @ poses.T_world_cam
+    return se3_inverse(poses.T_world_cam[:1]) @ poses.T_world_cam
 
 
 def steps(T_world_cam: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N-1, 4, 4) transforms T_{k-1,k} between consecutive poses."""
-    return inverse_transforms(T_world_cam[:-1]) @ T_world_cam[1:]
+    return se3_inverse(T_world_cam[:-1]) @ T_world_cam[1:]
 
 
 def motion_integrals(poses: StampedPoses) -> dict[Component, float]:
     """Integrated norms of the motion: path length (m), turning (rad) and SE(3) norm."""
     path_length = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1).sum()
-    twists = log(steps(poses.T_world_cam))
+    twists = se3_log(steps(poses.T_world_cam))
     return {
         "translation": float(path_length),
         "rotation": float(np.linalg.norm(twists[:, :3], axis=1).sum()),

@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import ArrayLike
 
-from gpvo.poses import StampedPoses, inverse_transforms
+from factors.lie import se3_inverse
+from gpvo.poses import StampedPoses
 
 if TYPE_CHECKING:
     from gpvo.evaluation.evaluate import Evaluation
@@ -81,7 +82,7 @@ def _paths(
     estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None
 ) -> Iterable[tuple[str, np.ndarray, dict]]:
     first = next(iter(estimates.values())) if ground_truth is None else ground_truth
-    T_first_world = inverse_transforms(first.T_world_cam[0])
+    T_first_world = se3_inverse(first.T_world_cam[0])
     if ground_truth is not None:
         style = {"color": TRUTH_COLOUR, "linewidth": 2.2}
         yield "ground truth", ground_truth.in_world(T_first_world).positions, style

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.lie import se3_inverse
 from gpvo.evaluation.trajectory_error import pose_progress, relative_motions, rotation_angles
-from gpvo.poses import StampedPoses, inverse_transforms
+from gpvo.poses import StampedPoses
 
 KITTI_LENGTHS = tuple(range(100, 900, 100))
 """Metres, for cars."""
@@ -83,7 +84,7 @@ def _mean_error(
     length: float,
 ) -> SegmentError:
     true_motion = relative_motions(ground_truth, first, last)
-    T_error = inverse_transforms(relative_motions(estimate, first, last)) @ true_motion
+    T_error = se3_inverse(relative_motions(estimate, first, last)) @ true_motion
     distances = np.linalg.norm(T_error[:, :3, 3], axis=1)
     return SegmentError(
         length=float(length),

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from factors.lie import se3_inverse
 from gpvo.errors import InputError
 from gpvo.evaluation.alignment import Alignment, AlignmentMethod, find_alignment
 from gpvo.evaluation.statistics import Statistics
-from gpvo.poses import StampedPoses, inverse_transforms
+from gpvo.poses import StampedPoses
 
 DeltaUnit = Literal["frames", "seconds", "metres"]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -67,7 +68,7 @@ def absolute_trajectory_error(
     if not isinstance(alignment, Alignment):
         alignment = find_alignment(estimate, ground_truth, alignment)
     aligned = alignment.apply(estimate)
-    T_error = inverse_transforms(ground_truth.T_world_cam) @ aligned.T_world_cam
+    T_error = se3_inverse(ground_truth.T_world_cam) @ aligned.T_world_cam
     return TrajectoryError.of(T_error, alignment.scale)
 
 
@@ -95,14 +96,14 @@ def relative_pose_error(
     first, last = pose_pairs(pairs_from or ground_truth, delta, unit, all_pairs)
     motion = relative_motions(estimate, first, last)
     true_motion = relative_motions(ground_truth, first, last)
-    return TrajectoryError.of(inverse_transforms(true_motion) @ motion)
+    return TrajectoryError.of(se3_inverse(true_motion) @ motion)
 
 
 def relative_motions(
     poses: StampedPoses, first: NDArray[np.intp], last: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """(M, 4, 4) transforms T_first_last of pairs of poses."""
-    return inverse_transforms(poses.T_world_cam[first]) @ poses.T_world_cam[last]
+    return se3_inverse(poses.T_world_cam[first]) @ poses.T_world_cam[last]
 
 
 def pose_pairs(poses: StampedPoses, delta: float, unit: DeltaUnit, all_pairs: bool) -> Pairs:
