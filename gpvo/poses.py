@@ -99,7 +99,7 @@ class StampedPoses:
             If there are fewer than two poses, or a stamp lies before the first or after the last.
         """
         query = np.asarray(stamps_ns, np.int64)
-        self._require_cover(query)
+        self.require_cover(query)
         right = np.clip(np.searchsorted(self.stamps_ns, query, side="right"), 1, len(self) - 1)
         left = right - 1
         step_ns = self.stamps_ns[right] - self.stamps_ns[left]
@@ -111,7 +111,8 @@ class StampedPoses:
         positions = (1.0 - fraction) * self.positions[left] + fraction * self.positions[right]
         return StampedPoses(query, rigid_transforms(rotations, positions))
 
-    def _require_cover(self, query: NDArray[np.int64]) -> None:
+    def require_cover(self, query: NDArray[np.int64]) -> None:
+        """Raise InputError where these stamps cannot be interpolated."""
         if len(self) < 2:
             raise InputError("interpolation needs at least two poses")
         if len(query) and (query.min() < self.stamps_ns[0] or query.max() > self.stamps_ns[-1]):

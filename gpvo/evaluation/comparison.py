@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_inverse
 from gpvo.evaluation.association import associate, resample, tolerance_for
-from gpvo.evaluation.evaluate import Evaluation, evaluate
+from gpvo.evaluation.evaluate import Evaluation, Interpolation, evaluate
 from gpvo.evaluation.offsets import find_body_offset, find_time_offset
 from gpvo.evaluation.paper import FrameTransform
 from gpvo.evaluation.tables import (
@@ -35,6 +35,8 @@ class Protocol:
     ----------
     step
         Compare every so many seconds. None, as in the paper: at each contender's stamps.
+    truth_between
+        How the ground truth is interpolated, see `evaluate`.
     association
         Poses for ATE, RPE and drift: the "nearest" in time, as evo takes them, or the denser
         trajectory "interpolated" at the sparser one's stamps.
@@ -50,6 +52,7 @@ class Protocol:
     """
 
     step: float | None = None
+    truth_between: Interpolation = "linear"
     association: Association = "nearest"
     max_difference: float | None = None
     aligned_at: FrameTransform = "step"
@@ -73,7 +76,8 @@ class Protocol:
     def describe(self, ground_truth: StampedPoses) -> str:
         """One sentence to stand below the tables."""
         where = f"every {self.step:g} s" if self.step else "at the states"
-        text = f"Compared {where}, first poses aligned, ground truth interpolated linearly; "
+        between = "by the Gaussian process" if self.truth_between == "gp" else "linearly"
+        text = f"Compared {where}, first poses aligned, ground truth interpolated {between}; "
         if self.association == "nearest":
             text += f"ATE, RPE, drift: poses within {self.tolerance(ground_truth):.2g} s"
         else:
@@ -164,6 +168,7 @@ def _evaluate(contender: Contender, estimate: StampedPoses, protocol: Protocol) 
         stamps_ns=stamps_ns if protocol.step is None else None,
         step=protocol.step or 0.01,
         aligned_at=protocol.aligned_at,
+        truth_between=protocol.truth_between,
         pair=protocol.pair(estimate, contender.ground_truth),
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,7 @@ from rich.console import Group
 
 from gpvo.evaluation.alignment import AlignmentMethod, first_pose_alignment
 from gpvo.evaluation.association import common_interval, common_part
+from gpvo.evaluation.gp_interpolation import interpolate_by_gp
 from gpvo.evaluation.paper import (
     FrameTransform,
     PoseErrors,
@@ -34,6 +35,8 @@ from gpvo.evaluation.trajectory_error import (
     relative_pose_error,
 )
 from gpvo.poses import StampedPoses, seconds_text
+
+Interpolation = Literal["linear", "gp"]
 
 ATE_ALIGNMENTS: tuple[AlignmentMethod, ...] = ("se3", "sim3", "yaw", "first", "none")
 
@@ -124,6 +127,7 @@ def evaluate(
     step: float = 0.01,
     aligned_at: FrameTransform = "step",
     pair: tuple[StampedPoses, StampedPoses] | None = None,
+    truth_between: Interpolation = "linear",
 ) -> Evaluation:
     """Compare an estimate with the ground truth, both interpolated at the same stamps.
 
@@ -141,6 +145,8 @@ def evaluate(
     pair
         Estimated and true poses for ATE, RPE and drift, for instance those associated as by evo;
         by default the compared ones.
+    truth_between
+        How the ground truth is interpolated: "linear", as in the paper, or by the Gaussian process.
 
     Raises
     ------
@@ -150,7 +156,8 @@ def evaluate(
     if stamps_ns is None:
         stamps_ns = common_stamps(estimate, ground_truth, step)
     stamps = common_part(stamps_ns, estimate, ground_truth)
-    truth = ground_truth.interpolate(stamps)
+    interpolate = interpolate_by_gp if truth_between == "gp" else StampedPoses.interpolate
+    truth = interpolate(ground_truth, stamps)
     sampled = estimate.interpolate(stamps)
     aligned = first_pose_alignment(sampled, truth).apply(sampled)
     pair = pair or (sampled, truth)

@@ -95,6 +95,17 @@ def test_an_evaluation_prints_itself_in_eighty_columns(random_walk):
         assert word in text
 
 
+def test_the_gp_follows_a_sparse_ground_truth_better_than_lines(random_walk):
+    """The walk is a sample of the process; an exact estimate leaves the error of interpolation."""
+    dense = random_walk(1, 400)
+    errors = {
+        between: evaluate(dense, dense[::20], truth_between=between).global_error
+        for between in ("linear", "gp")
+    }
+    rms = {between: error.statistics("se3").rms for between, error in errors.items()}
+    assert rms["gp"] < 0.8 * rms["linear"]
+
+
 def row(name: str, size: float) -> ErrorRow:
     statistics = PaperStatistics(size, 10 * size, 5 * size, 0.5 * size, float("nan"))
     errors = dict.fromkeys(COMPONENTS, statistics)
