@@ -76,7 +76,7 @@ def test_absolute_error(pair, alignment):
 
 
 @pytest.mark.parametrize("all_pairs", [True, False])
-@pytest.mark.parametrize(("delta", "unit"), [(1, "frames"), (10, "frames"), (1.0, "metres")])
+@pytest.mark.parametrize(("delta", "unit"), [(10, "frames"), (1.0, "metres")])
 def test_relative_error(pair, delta, unit, all_pairs):
     """Overlapping pairs chosen by the true path, chained ones by the estimated path."""
     ours, (estimate, truth) = pair

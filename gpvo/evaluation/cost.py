@@ -1,0 +1,152 @@
+"""What a result cost: time by stage, memory, and the machine it was spent on."""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import sys
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from gpvo.evaluation.tables import Cell, ResultTable
+
+PACKAGES = ("gpvo", "gtsam", "numpy", "numba", "scipy", "opencv-python-headless")
+"""Those whose version changes speed or result."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Time and memory of processing one recording.
+
+    Attributes
+    ----------
+    recording_seconds, events
+        What was processed, both cameras.
+    wall_seconds, cpu_seconds
+        Elapsed time, and processor time of all threads.
+    peak_memory_bytes
+        Largest resident memory of the process since it started.
+    stages
+        Elapsed seconds by stage.
+    """
+
+    recording_seconds: float
+    events: int
+    wall_seconds: float
+    cpu_seconds: float
+    peak_memory_bytes: int
+    stages: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def real_time_factor(self) -> float:
+        """Recorded seconds processed in one second; 1 keeps up with the camera."""
+        return self.recording_seconds / self.wall_seconds
+
+    @property
+    def events_per_second(self) -> float:
+        """Events of both cameras processed in one second."""
+        return self.events / self.wall_seconds
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers by name."""
+        derived = {
+            "real_time_factor": self.real_time_factor,
+            "events_per_second": self.events_per_second,
+        }
+        return {**asdict(self), **derived}
+
+
+@dataclass
+class CostMeter:
+    """Times stages, one after the other or repeatedly.
+
+    >>> meter = CostMeter()
+    >>> with meter.stage("tracking"):
+    ...     pass
+    >>> cost = meter.total(recording_seconds=10.0, events=1_000_000)
+    """
+
+    stages: dict[str, float] = field(default_factory=dict)
+    _wall: float = field(default_factory=time.perf_counter)
+    _cpu: float = field(default_factory=time.process_time)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time spent inside to a stage."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.stages[name] = self.stages.get(name, 0.0) + time.perf_counter() - start
+
+    def total(self, recording_seconds: float, events: int) -> Cost:
+        """Cost since the meter was made."""
+        return Cost(
+            recording_seconds=recording_seconds,
+            events=events,
+            wall_seconds=time.perf_counter() - self._wall,
+            cpu_seconds=time.process_time() - self._cpu,
+            peak_memory_bytes=peak_memory_bytes(),
+            stages=dict(self.stages),
+        )
+
+
+def peak_memory_bytes() -> int:
+    """Largest resident memory of this process so far."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak  # Linux counts kilobytes
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores, system, and versions of Python and of the packages that matter."""
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+        "packages": {package: _version(package) for package in PACKAGES},
+    }
+
+
+def _processor() -> str:
+    information = Path("/proc/cpuinfo")
+    if information.exists():
+        for line in information.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def cost_table(costs: Mapping[str, Cost]) -> ResultTable:
+    """Speed, processor time and memory, then the stages' share of time, one column per result."""
+    stages = dict.fromkeys(stage for cost in costs.values() for stage in cost.stages)
+    labels = ["real-time factor", "events per second", "CPU s per recorded s", "peak memory"]
+    columns = [[*_totals(cost), *_shares(cost, stages)] for cost in costs.values()]
+    rows = [tuple(map(Cell, entries)) for entries in zip([*labels, *stages], *columns, strict=True)]
+    return ResultTable("Cost", ("", *costs), tuple(rows), group=len(labels))
+
+
+def _totals(cost: Cost) -> list[str]:
+    return [
+        f"{cost.real_time_factor:.2f}",
+        f"{1e-6 * cost.events_per_second:.2f} M",
+        f"{cost.cpu_seconds / cost.recording_seconds:.2f}",
+        f"{cost.peak_memory_bytes / 2**20:.0f} MiB",
+    ]
+
+
+def _shares(cost: Cost, stages: Iterable[str]) -> list[str]:
+    return [f"{100.0 * cost.stages.get(stage, 0.0) / cost.wall_seconds:.1f} %" for stage in stages]

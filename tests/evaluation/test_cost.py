@@ -1,0 +1,50 @@
+"""Costs: stages add up, factors are what they say."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+from gpvo.evaluation.cost import Cost, CostMeter, cost_table, machine, peak_memory_bytes
+
+
+def test_stages_add_up_within_the_total():
+    meter = CostMeter()
+    for _ in range(3):
+        with meter.stage("tracking"):
+            np.linalg.inv(np.eye(100))
+    with pytest.raises(KeyError), meter.stage("smoother"):
+        raise KeyError
+    cost = meter.total(recording_seconds=10.0, events=1000)
+    assert set(cost.stages) == {"tracking", "smoother"}
+    assert 0.0 < sum(cost.stages.values()) <= cost.wall_seconds
+
+
+def test_factors():
+    cost = Cost(10.0, 4_000_000, 5.0, 8.0, 2**30, {"tracking": 2.0})
+    assert cost.real_time_factor == 2.0
+    assert cost.events_per_second == 800_000.0
+    assert json.loads(json.dumps(cost.to_dict()))["stages"]["tracking"] == 2.0
+    cells = {row[0].text: row[1].text for row in cost_table({"gpvo": cost}).rows}
+    assert cells == {
+        "real-time factor": "2.00",
+        "events per second": "0.80 M",
+        "CPU s per recorded s": "0.80",
+        "peak memory": "1024 MiB",
+        "tracking": "40.0 %",
+    }
+
+
+def test_peak_memory_is_in_bytes():
+    """More than what is held, less than the machine has."""
+    held = np.ones(10_000_000)
+    installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert held.nbytes < peak_memory_bytes() < installed
+
+
+def test_the_machine_names_what_matters():
+    facts = machine()
+    assert facts["processor"]
+    assert facts["cores"] >= 1
+    assert facts["packages"]["numpy"] == np.__version__
