@@ -61,7 +61,7 @@ class StereoCamera:
 
 
 @njit(cache=True)
-def _reprojection(
+def reprojection_kernel(
     T: Array, landmark: Array, measured: Array, camera: Array
 ) -> tuple[Array, Array, Array]:
     """Error (3,) and its derivatives by the pose (3, 6) and the landmark (3, 3).
@@ -85,7 +85,7 @@ def _reprojection(
     by_point[2, 2] = -fx * baseline / z**2
     for i in range(3):
         a, b, c = by_point[i]
-        by_pose[i, 0], by_pose[i, 1], by_pose[i, 2] = c * y - b * z, a * z - c * x, b * x - a * y
+        by_pose[i, 0], by_pose[i, 1], by_pose[i, 2] = b * z - c * y, c * x - a * z, a * y - b * x
         by_pose[i, 3], by_pose[i, 4], by_pose[i, 5] = -a, -b, -c
         for j in range(3):
             by_landmark[i, j] = a * T[j, 0] + b * T[j, 1] + c * T[j, 2]
@@ -130,7 +130,7 @@ def StereoReprojectionFactor(
     def error(
         _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
     ) -> Array:
-        residual, by_pose, by_landmark = _reprojection(
+        residual, by_pose, by_landmark = reprojection_kernel(
             values.atPose3(pose).matrix(), values.atPoint3(landmark), measurement, parameters
         )
         if jacobians is not None:
