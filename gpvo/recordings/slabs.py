@@ -1,0 +1,56 @@
+"""Cut two streams of event blocks into slabs that cover the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import count
+
+import numpy as np
+
+from gpvo.recordings.base import Events, StereoEvents
+
+
+def stereo_slabs(
+    left: Iterator[Events], right: Iterator[Events], start: float, stop: float, length: float
+) -> Iterator[StereoEvents]:
+    """Yield slabs of `length` seconds that cover [start, stop), left and right in step.
+
+    Parameters
+    ----------
+    left, right
+        Blocks of any size in order of time, without events before `start`. A block is taken
+        only when a slab needs it.
+    start, stop, length
+        Seconds; the last slab may be shorter.
+    """
+    if not length > 0.0:
+        raise ValueError(f"slab length {length} s is not positive")
+    cut_left, cut_right = _Cutter(left), _Cutter(right)
+    first = start
+    for number in count(1):
+        if first >= stop:
+            return
+        last = min(start + number * length, stop)
+        yield StereoEvents(first, last, cut_left.until(last), cut_right.until(last))
+        first = last
+
+
+class _Cutter:
+    """Takes blocks from a stream and gives them back cut at chosen times."""
+
+    def __init__(self, blocks: Iterator[Events]) -> None:
+        self._blocks = blocks
+        self._rest = Events.empty()
+
+    def until(self, stop: float) -> Events:
+        """All events before `stop` that have not been given yet."""
+        parts = [self._rest]
+        while len(parts[-1]) == 0 or parts[-1].t[-1] < stop:
+            block = next(self._blocks, None)
+            if block is None:
+                break
+            parts.append(block)
+        split = int(np.searchsorted(parts[-1].t, stop, side="left"))
+        self._rest = parts[-1][split:]
+        parts[-1] = parts[-1][:split]
+        return parts[0] if len(parts) == 1 else Events.concatenate(parts)
