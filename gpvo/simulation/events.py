@@ -1,0 +1,164 @@
+"""Events of a moving camera: where the log intensity of finely spaced frames crosses a threshold.
+
+The model of ESIM (Rebecq et al., CoRL 2018): brightness is linear in time between frames whose
+spacing follows the image motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gpvo.recordings.base import Events
+from gpvo.simulation.motion import Motion
+from gpvo.simulation.scene import Scene, pixel_grid, pixel_rays
+
+Array = NDArray[np.float64]
+
+_LONGEST_STEP = 0.010
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """An ideal pinhole event camera.
+
+    Attributes
+    ----------
+    resolution
+        (width, height) in pixels.
+    K
+        (3, 3) pinhole intrinsics.
+    threshold, threshold_sigma
+        Mean and spread over the pixels of the change of log intensity that makes an event.
+    refractory_period
+        Seconds that a pixel is silent after an event.
+    noise_rate
+        Random events per pixel and second.
+    """
+
+    resolution: tuple[int, int]
+    K: Array
+    threshold: float
+    threshold_sigma: float
+    refractory_period: float
+    noise_rate: float
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels."""
+        return self.resolution[0] * self.resolution[1]
+
+    def draw_thresholds(self, rng: np.random.Generator) -> Array:
+        """(2, pixels) OFF and ON thresholds, at least a tenth of their mean."""
+        drawn = rng.normal(self.threshold, self.threshold_sigma, (2, self.pixels))
+        return np.maximum(drawn, 0.1 * self.threshold)
+
+
+def frame_times(
+    scene: Scene, motion: Motion, sensor: Sensor, duration: float, pixels_per_frame: float
+) -> Array:
+    """Times from 0 to `duration` between which image points move about so many pixels at most.
+
+    The image motion is that of a coarse grid of pixels at their exact depths.
+    """
+    width, height = sensor.resolution
+    pixels = pixel_grid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 7))
+    rays, f = pixel_rays(pixels, sensor.K), sensor.K[0, 0]
+    times = [0.0]
+    while times[-1] < duration:
+        _, depth = scene.look(rays, 1.0 / f, motion.pose(times[-1])[0])
+        speed = f * _image_speed(rays, depth, motion.twist(times[-1])[0]).max()
+        times.append(times[-1] + min(_LONGEST_STEP, pixels_per_frame / max(speed, 1e-9)))
+    times[-1] = duration
+    return np.array(times)
+
+
+def _image_speed(rays: Array, depth: Array, twist: Array) -> Array:
+    """(N,) speed at unit depth of static points seen by a camera of this body twist."""
+    points = np.column_stack([rays, np.ones(len(rays))]) * depth[:, None]
+    velocity = -np.cross(twist[:3], points) - twist[3:]
+    flow = (velocity[:, :2] - rays * velocity[:, 2:]) / depth[:, None]
+    return np.hypot(flow[:, 0], flow[:, 1])
+
+
+def simulate_events(
+    scene: Scene,
+    sensor: Sensor,
+    times: Array,
+    poses: Array,
+    rng: np.random.Generator,
+) -> Iterator[Events]:
+    """Yield the events between consecutive frames at times (N,), seconds.
+
+    The sensor is at the poses T_world_cam (N, 4, 4). Times of events are whole microseconds.
+    """
+    width, height = sensor.resolution
+    rays = pixel_rays(pixel_grid(np.arange(width), np.arange(height)), sensor.K)
+    pixel_angle = 1.0 / sensor.K[0, 0]
+    thresholds = sensor.draw_thresholds(rng)
+    before, _ = scene.look(rays, pixel_angle, poses[0])
+    reference, last = before.astype(np.float64), np.full(sensor.pixels, -np.inf)
+    for start, stop, pose in zip(times[:-1], times[1:], poses[1:], strict=True):
+        now, _ = scene.look(rays, pixel_angle, pose)
+        bound = sensor.pixels + int(np.abs(now - reference).sum() / thresholds.min())
+        pixel, t, on = np.empty(bound, np.int64), np.empty(bound), np.empty(bound, np.bool_)
+        period = sensor.refractory_period
+        n = _cross(before, now, start, stop, thresholds, period, reference, last, pixel, t, on)
+        noise = _noise(sensor, start, stop, rng)
+        parts = zip((pixel[:n], t[:n], on[:n]), noise, strict=True)
+        yield _in_order(*(np.concatenate(part) for part in parts), width=width)
+        before = now
+
+
+def _noise(
+    sensor: Sensor, start: float, stop: float, rng: np.random.Generator
+) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
+    """Pixels, times and polarities of the background noise in [start, stop)."""
+    n = rng.poisson(sensor.noise_rate * sensor.pixels * (stop - start))
+    return rng.integers(sensor.pixels, size=n), rng.uniform(start, stop, n), rng.random(n) < 0.5
+
+
+def _in_order(pixel: NDArray[np.int64], t: Array, on: NDArray[np.bool_], width: int) -> Events:
+    """Events of one step in order of time, in whole microseconds."""
+    order = np.argsort(t, kind="stable")
+    y, x = np.divmod(pixel[order], width)
+    seconds = np.rint(t[order] * 1e6) / 1e6
+    return Events(x.astype(np.uint16), y.astype(np.uint16), seconds, on[order])
+
+
+@njit(cache=True)
+def _cross(
+    before: NDArray[np.float32],
+    now: NDArray[np.float32],
+    start: float,
+    stop: float,
+    thresholds: Array,
+    refractory_period: float,
+    reference: Array,
+    last: Array,
+    pixel: NDArray[np.int64],
+    t: Array,
+    on: NDArray[np.bool_],
+) -> int:
+    """Write the step's events, pixel by pixel, and return their number.
+
+    `reference` is the log intensity at each pixel's last crossing, `last` the time of its last
+    event; both are updated. A crossing in the refractory period moves the reference in silence.
+    """
+    n = 0
+    for i in range(len(now)):
+        brighter = now[i] > before[i]
+        sign, threshold = (1.0, thresholds[1, i]) if brighter else (-1.0, thresholds[0, i])
+        while sign * (now[i] - reference[i]) >= threshold:
+            reference[i] += sign * threshold
+            share = (reference[i] - before[i]) / (now[i] - before[i])
+            crossing = start + min(max(share, 0.0), 1.0) * (stop - start)
+            if crossing - last[i] >= refractory_period:
+                pixel[n], t[n], on[n] = i, crossing, brighter
+                last[i] = crossing
+                n += 1
+    return n

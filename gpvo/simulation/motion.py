@@ -1,0 +1,93 @@
+"""Smooth random motions of the camera, with exact poses and body twists."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from gpvo.poses import rigid_transforms
+
+Array = NDArray[np.float64]
+MotionName = Literal["hand_held", "fast", "rotation", "back_and_forth", "corridor", "still"]
+
+REACH = np.array([0.9, 1.1, 0.6])
+"""How far from the straight path a camera may get, overshoot of the splines included, metres."""
+
+CORRIDOR_SPEED = 0.7
+
+_R_WORLD_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""A level camera that looks along x of the world, whose z points up."""
+
+
+class _Style(NamedTuple):
+    """Half widths of the box of random waypoints, and seconds between them."""
+
+    reach: tuple[float, float, float]  # x, y, z of the world, metres
+    turn: tuple[float, float, float]  # pitch, yaw, roll: x, y, z of the camera, radians
+    interval: float
+
+
+_STYLES: dict[MotionName, _Style] = {
+    "hand_held": _Style((0.5, 0.6, 0.3), (0.15, 0.3, 0.12), 1.2),
+    "fast": _Style((0.5, 0.6, 0.3), (0.2, 0.4, 0.2), 0.5),
+    "rotation": _Style((0.0, 0.0, 0.0), (0.3, 0.6, 0.3), 0.8),
+    "back_and_forth": _Style((0.05, 0.6, 0.05), (0.03, 0.03, 0.03), 1.2),
+    "corridor": _Style((0.0, 0.15, 0.1), (0.05, 0.1, 0.05), 1.0),
+    "still": _Style((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0),
+}
+assert set(_STYLES) == set(get_args(MotionName))
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """T_world_cam(t) as cubic splines of position and rotation.
+
+    Attributes
+    ----------
+    position
+        Spline of the camera's position in the world, metres.
+    rotation
+        Spline of R_world_cam.
+    offset
+        The splines' time at t = 0, seconds.
+    """
+
+    position: CubicSpline
+    rotation: RotationSpline
+    offset: float = 0.0
+
+    @staticmethod
+    def random(name: MotionName, duration: float, rng: np.random.Generator) -> Motion:
+        """A named motion over [0, duration] seconds that starts about the world's origin."""
+        style = _STYLES[name]
+        times = np.arange(-1.0, np.ceil(duration / style.interval) + 2.0) * style.interval
+        spread = rng.uniform(-1.0, 1.0, (len(times), 6))
+        if name == "back_and_forth":
+            spread[:, 1] = np.where(np.arange(len(times)) % 2, 1.0, -1.0)
+        positions = spread[:, :3] * style.reach
+        if name == "corridor":
+            positions[:, 0] += CORRIDOR_SPEED * times
+        turns = Rotation.from_rotvec(spread[:, 3:] * style.turn)
+        rotations = Rotation.from_matrix(_R_WORLD_AHEAD) * turns
+        return Motion(CubicSpline(times, positions), RotationSpline(times, rotations))
+
+    def later(self, seconds: float) -> Motion:
+        """The same motion with t = 0 so many seconds later."""
+        return replace(self, offset=self.offset + seconds)
+
+    def pose(self, t: ArrayLike) -> Array:
+        """T_world_cam (N, 4, 4) at times t (N,), seconds."""
+        times = np.atleast_1d(t) + self.offset
+        return rigid_transforms(self.rotation(times).as_matrix(), self.position(times))
+
+    def twist(self, t: ArrayLike) -> Array:
+        """Body twist (N, 6), rotation first: T(t + dt) = T(t) Exp(dt v) to first order."""
+        times = np.atleast_1d(t) + self.offset
+        angular = self.rotation(times, 1)
+        linear = self.rotation(times).inv().apply(self.position(times, 1))
+        return np.concatenate([angular, linear], axis=1)

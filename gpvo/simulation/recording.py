@@ -1,0 +1,175 @@
+"""Stereo event recordings of simulated motions, with exact ground truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from gpvo.calibration import Camera, StereoRig
+from gpvo.config import StageConfig
+from gpvo.poses import StampedPoses
+from gpvo.recordings.base import Events, Recording, StereoEvents
+from gpvo.recordings.slabs import stereo_slabs
+from gpvo.simulation.events import Sensor, frame_times, simulate_events
+from gpvo.simulation.motion import CORRIDOR_SPEED, Motion, MotionName
+from gpvo.simulation.mvsec import write_mvsec
+from gpvo.simulation.scene import Scene
+
+START_NS = 1_000_000_000_000
+"""Absolute stamp of the start of every simulation; small enough for exact float64 seconds."""
+
+GROUND_TRUTH_RATE = 200
+_SLAB = 0.1
+
+
+class SimulationConfig(StageConfig):
+    """A simulated stereo recording; the default is a camera held in the hand in a small room."""
+
+    seed: int = Field(0, ge=0, description="Seed of the scene, the motion and the sensors.")
+    motion: MotionName = Field("hand_held", description="How the camera moves.")
+    duration: float = Field(3.0, gt=0, description="Duration of the motion, seconds.")
+    resolution: tuple[int, int] = Field((346, 260), description="Width and height, pixels.")
+    focal_length: float = Field(226.0, gt=0, description="Of both cameras, pixels.")
+    baseline: float = Field(0.10, gt=0, description="Distance of the cameras, metres.")
+    boxes: int = Field(5, ge=0, description="Boxes in the room.")
+    threshold: float = Field(
+        0.25, gt=0, description="Change of log intensity that makes an event, both polarities."
+    )
+    threshold_sigma: float = Field(
+        0.03, ge=0, description="Standard deviation of the threshold over the pixels."
+    )
+    refractory_period: float = Field(
+        0.001, ge=0, description="How long a pixel is silent after an event, seconds."
+    )
+    noise_rate: float = Field(0.0, ge=0, description="Random events per pixel and second.")
+    pixels_per_frame: float = Field(
+        0.5, gt=0, description="Image motion between rendered frames, pixels."
+    )
+
+    @property
+    def rig(self) -> StereoRig:
+        """The ideal rig: no distortion, and the right camera along x of the left one."""
+        width, height = self.resolution
+        centre = ((width - 1) / 2, (height - 1) / 2)
+        intrinsics = np.array([self.focal_length, self.focal_length, *centre])
+        camera = Camera(self.resolution, intrinsics, "none", np.zeros(4), np.eye(3))
+        return StereoRig(camera, camera, self.focal_length, centre, self.baseline)
+
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor of both cameras."""
+        return Sensor(
+            self.resolution,
+            self.rig.K_rect,
+            self.threshold,
+            self.threshold_sigma,
+            self.refractory_period,
+            self.noise_rate,
+        )
+
+    @property
+    def room(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest corner (2, 3) of the room and of the part kept clear, metres."""
+        half, clear = np.array([3.0, 2.5, 1.5]), np.array([1.3, 1.6, 1.1])
+        way = np.zeros(3)
+        if self.motion == "corridor":
+            half, clear = np.array([3.0, 1.2, 1.2]), np.array([1.5, 0.6, 0.6])
+            way[0] = CORRIDOR_SPEED * self.duration
+        return np.stack([-half, half + way]), np.stack([-clear, clear + way])
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedRecording(Recording):
+    """A simulated recording in memory.
+
+    Attributes
+    ----------
+    left, right
+        All events, t = 0 at the first event of either camera.
+    ground_truth
+        Exact T_world_cam of the left camera at 200 Hz.
+    motion
+        The left camera's motion, of the same t as the events.
+    scene
+        What the cameras saw.
+    """
+
+    path: Path
+    rig: StereoRig
+    start_ns: int
+    duration: float
+    left: Events
+    right: Events
+    ground_truth: StampedPoses
+    motion: Motion
+    scene: Scene
+
+    def slabs(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
+        start, stop = max(start, 0.0), min(stop, float(np.nextafter(self.duration, np.inf)))
+        left, right = (iter([side.between(start, stop)]) for side in (self.left, self.right))
+        return stereo_slabs(left, right, start, stop, _SLAB)
+
+    def write_mvsec(self, folder: Path) -> None:
+        """Write NAME_data.hdf5, NAME_gt.hdf5 and camchain-NAME.yaml; NAME is the path's name."""
+        start_ns, truth = self.start_ns, self.ground_truth
+        write_mvsec(folder, self.path.name, self.rig, start_ns, self.left, self.right, truth)
+
+
+def simulate(
+    config: SimulationConfig, progress: Callable[[float], None] | None = None
+) -> SimulatedRecording:
+    """Simulate a stereo recording; the same config gives the same recording, bit for bit.
+
+    `progress`, if given, hears how much is done, from 0 to 1.
+    """
+    seeds = np.random.SeedSequence(config.seed).spawn(4)
+    scene_rng, motion_rng, *sensor_rngs = map(np.random.default_rng, seeds)
+    scene = Scene.random(*config.room, config.boxes, scene_rng)
+    motion = Motion.random(config.motion, config.duration, motion_rng)
+    sensor = config.sensor
+    times = frame_times(scene, motion, sensor, config.duration, config.pixels_per_frame)
+    poses = motion.pose(times)
+    streams = []
+    for side, rng in enumerate(sensor_rngs):
+        T_left_cam = np.eye(4)
+        T_left_cam[0, 3] = side * config.baseline
+        frames = simulate_events(scene, sensor, times, poses @ T_left_cam, rng)
+        steps = []
+        for number, step in enumerate(frames, start=1):
+            steps.append(step)
+            if progress is not None:
+                progress((side + number / (len(times) - 1)) / 2)
+        streams.append(Events.concatenate(steps))
+    return _recording(config, scene, motion, *streams)
+
+
+def _recording(
+    config: SimulationConfig, scene: Scene, motion: Motion, left: Events, right: Events
+) -> SimulatedRecording:
+    """Put t = 0 at the first event of either camera."""
+    first = min((side.t[0] for side in (left, right) if len(side)), default=0.0)
+    last = max((side.t[-1] for side in (left, right) if len(side)), default=first)
+    stamps = np.linspace(0.0, config.duration, round(config.duration * GROUND_TRUTH_RATE) + 1)
+    return SimulatedRecording(
+        path=Path(f"simulated_{config.motion}_{config.seed}"),
+        rig=config.rig,
+        start_ns=START_NS + round(first * 1e9),
+        duration=round(float(last - first), 6),
+        left=_later(left, first),
+        right=_later(right, first),
+        ground_truth=StampedPoses(
+            START_NS + np.rint(stamps * 1e9).astype(np.int64), motion.pose(stamps)
+        ),
+        motion=motion.later(first),
+        scene=scene,
+    )
+
+
+def _later(events: Events, seconds: float) -> Events:
+    """The same events with t = 0 so many seconds later, in whole microseconds again."""
+    return replace(events, t=np.rint((events.t - seconds) * 1e6) / 1e6)
