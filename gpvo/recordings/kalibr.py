@@ -77,8 +77,9 @@ class _Mapping:
     def array(self, field: str, *shapes: tuple[int, ...]) -> NDArray[np.float64]:
         """Finite numbers of one of the given shapes."""
         expected = " or ".join(" x ".join(map(str, shape)) for shape in shapes)
+        values = self.get(field)
         try:
-            numbers = np.array(self.get(field), np.float64)
+            numbers = np.array(values, np.float64)
         except (ValueError, TypeError, OverflowError):
             self.fail(field, f"must be {expected} numbers")
         if numbers.shape not in shapes:
@@ -150,8 +151,10 @@ Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
 def _rectify(left: Camera, right: Camera, fields: _Mapping) -> tuple[Pair, Pair]:
     """Rectifying rotations and projections of both cameras, with zero disparity at infinity."""
     T_right_left = fields.array("T_cn_cnm1", (4, 4))
-    R, t = T_right_left[:3, :3], T_right_left[:3, 3]
+    R, t = T_right_left[:3, :3].copy(), T_right_left[:3, 3:].copy()
     fields.check_rotation("T_cn_cnm1", R)
+    if abs(t[1, 0]) > abs(t[0, 0]):
+        fields.fail("T_cn_cnm1", "does not place the cameras side by side")
     if (left.distortion_model == "equidistant") != (right.distortion_model == "equidistant"):
         fields.fail("distortion_model", "must be that of cam0, or give rectification matrices")
     fisheye = left.distortion_model == "equidistant"

@@ -1,0 +1,167 @@
+"""Every fault of a recording is one InputError, one line, that names the file and the field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from gpvo.errors import InputError
+from gpvo.recordings import open_recording
+from tests.recordings.conftest import event_rows, write_mvsec
+
+GOOD = event_rows(300, 1)
+
+
+def fault(path: Path, calibration: Path | None) -> str:
+    """Message of the error that opening or reading raises."""
+    with pytest.raises(InputError) as caught:
+        for _slab in open_recording(path, calibration).slabs():
+            pass
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(str(path))
+    return message
+
+
+def changed(row: int, column: int, value: float) -> np.ndarray:
+    rows = GOOD.copy()
+    rows[row, column] = value
+    return rows
+
+
+def test_no_recording(tmp_path: Path, calibration: Path) -> None:
+    assert "no such file" in fault(tmp_path / "missing.hdf5", calibration)
+    assert "not a file" in fault(tmp_path, calibration)
+    text = tmp_path / "text.hdf5"
+    text.write_text("these are no events")
+    assert "davis/left/events" in fault(text, calibration)
+    empty = tmp_path / "empty.hdf5"
+    empty.write_bytes(b"")
+    assert "not a recording" in fault(empty, calibration)
+
+
+def test_hdf5_without_cameras(tmp_path: Path, calibration: Path) -> None:
+    path = tmp_path / "other.hdf5"
+    with h5py.File(path, "w") as file:
+        file["images"] = np.zeros(3)
+    assert "davis/left/events" in fault(path, calibration)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize(
+    ("table", "problem"),
+    [
+        (None, "is missing"),
+        (GOOD[:0], "holds no events"),
+        (GOOD[:, :3], "N x 4 float64"),
+        (GOOD[:, 2], "N x 4 float64"),
+        (GOOD.astype(np.float32), "N x 4 float64"),
+        (GOOD.astype(np.int64), "N x 4 float64"),
+        (h5py.Empty("f8"), "N x 4 float64"),
+        (5.0, "N x 4 float64"),
+        ("text", "N x 4 float64"),
+        (changed(0, 2, np.nan), "row 0: time nan"),
+        (changed(299, 2, np.inf), "row 299: time inf"),
+        (changed(120, 2, np.nan), "row 120: time nan"),
+        (changed(120, 2, 1.5e15), "row 120: time 1500000000000000.0"),
+        (changed(120, 0, 64.0), "row 120: x = 64.0 is not a whole number from 0 to 63"),
+        (changed(121, 0, -1.0), "row 121: x = -1.0"),
+        (changed(121, 0, 0.5), "row 121: x = 0.5"),
+        (changed(122, 1, 48.0), "row 122: y = 48.0 is not a whole number from 0 to 47"),
+        (changed(122, 1, np.nan), "row 122: y = nan"),
+        (changed(122, 1, 65536.0), "row 122: y = 65536.0"),
+        (changed(123, 3, 2.0), "row 123: polarity 2.0"),
+        (changed(123, 3, np.nan), "row 123: polarity nan"),
+    ],
+)
+def test_unusable_events(
+    tmp_path: Path, calibration: Path, side: str, table: object, problem: str
+) -> None:
+    tables = {"left": GOOD, "right": GOOD, side: table}
+    message = fault(write_mvsec(tmp_path / "a.hdf5", **tables), calibration)
+    assert f"davis/{side}/events" in message
+    assert problem in message
+
+
+@pytest.mark.parametrize("block", [1, 7, 90, 300])
+def test_times_that_go_backwards(
+    tmp_path: Path, calibration: Path, block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gpvo.recordings.mvsec.BLOCK_ROWS", block)
+    early = GOOD[89, 2] - 0.001
+    message = fault(write_mvsec(tmp_path / "a.hdf5", GOOD, changed(90, 2, early)), calibration)
+    assert "davis/right/events row 90:" in message
+    assert f"{early:.6f}" in message and f"{GOOD[89, 2]:.6f}" in message
+
+
+@pytest.mark.parametrize("block", [1, 7, 90, 300])
+def test_last_time_before_others(
+    tmp_path: Path, calibration: Path, block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is lost silently where the stream would seem to end early."""
+    monkeypatch.setattr("gpvo.recordings.mvsec.BLOCK_ROWS", block)
+    rows = changed(299, 2, GOOD[100, 2])
+    message = fault(write_mvsec(tmp_path / "a.hdf5", rows, rows), calibration)
+    assert "davis/left/events row 299:" in message
+    assert f"{GOOD[100, 2]:.6f}" in message
+
+
+def test_last_time_before_first(tmp_path: Path, calibration: Path) -> None:
+    rows = changed(299, 2, 1.4e9)
+    assert "row 299" in fault(write_mvsec(tmp_path / "a.hdf5", rows, GOOD), calibration)
+
+
+def test_clocks_that_differ(tmp_path: Path, calibration: Path) -> None:
+    later = event_rows(300, 1, start=1.5e9 + 16.777)
+    message = fault(write_mvsec(tmp_path / "a.hdf5", GOOD, later), calibration)
+    assert "no time in common" in message
+    microseconds = GOOD * [1, 1, 1e6, 1] - [0, 0, 1.5e15, 0]
+    microseconds[-1, 2] = 1e7
+    message = fault(write_mvsec(tmp_path / "a.hdf5", GOOD, microseconds), calibration)
+    assert "must be seconds" in message
+
+
+def test_calibration_is_needed(recording_path: Path) -> None:
+    assert "--calibration camchain.yaml" in fault(recording_path, None)
+
+
+@pytest.mark.parametrize("attributes", [{"width": 346, "height": 260}, {"width": "wide"}])
+def test_stated_resolution(recording_path: Path, calibration: Path, attributes: dict) -> None:
+    with h5py.File(recording_path, "a") as file:
+        file["davis/right/events"].attrs.update(attributes)
+    assert "davis/right/events" in fault(recording_path, calibration)
+
+
+def test_stated_resolution_that_agrees(recording_path: Path, calibration: Path) -> None:
+    with h5py.File(recording_path, "a") as file:
+        file["davis/left/events"].attrs.update({"width": 64, "height": 48})
+    assert (
+        sum(len(slab.left) for slab in open_recording(recording_path, calibration).slabs()) == 900
+    )
+
+
+@pytest.mark.parametrize("options", [{}, {"compression": "gzip", "chunks": (50, 1)}])
+def test_truncation_anywhere(tmp_path: Path, calibration: Path, options: dict) -> None:
+    whole = write_mvsec(tmp_path / "whole.hdf5", GOOD, GOOD, **options).read_bytes()
+    path = tmp_path / "cut.hdf5"
+    cuts = np.random.default_rng(0).integers(0, len(whole), 150)
+    for size in (*range(12), *cuts, len(whole) - 1):
+        path.write_bytes(whole[:size])
+        fault(path, calibration)
+
+
+@pytest.mark.parametrize("options", [{}, {"compression": "gzip", "chunks": (50, 1)}])
+def test_zeroed_bytes_never_crash(tmp_path: Path, calibration: Path, options: dict) -> None:
+    whole = write_mvsec(tmp_path / "whole.hdf5", GOOD, GOOD, **options).read_bytes()
+    path = tmp_path / "damaged.hdf5"
+    failures = 0
+    for at in np.random.default_rng(1).integers(0, len(whole) - 64, 150):
+        path.write_bytes(whole[:at] + bytes(64) + whole[at + 64 :])
+        try:
+            sum(len(slab.left) for slab in open_recording(path, calibration).slabs())
+        except InputError:
+            failures += 1
+    assert failures > 0

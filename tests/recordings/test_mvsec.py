@@ -1,0 +1,152 @@
+"""What is read from MVSEC's HDF5 is what was written, however it is cut into slabs."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gpvo.recordings import Events, Recording, mvsec, open_recording
+from gpvo.recordings.mvsec import MvsecRecording
+from tests.recordings.conftest import camchain, event_rows, write_mvsec
+
+COLUMNS = ("x", "y", "t", "polarity")
+
+
+def read_all(
+    recording: Recording, start: float = 0.0, stop: float = np.inf
+) -> tuple[Events, Events]:
+    slabs = list(recording.slabs(start, stop))
+    left = Events.concatenate([slab.left for slab in slabs])
+    return left, Events.concatenate([slab.right for slab in slabs])
+
+
+def expected(rows: np.ndarray, origin: float) -> Events:
+    x, y = rows[:, :2].T.astype(np.uint16)
+    return Events(x, y, rows[:, 2] - origin, rows[:, 3] > 0)
+
+
+def assert_same(events: Events, others: Events) -> None:
+    for column in COLUMNS:
+        ours, theirs = getattr(events, column), getattr(others, column)
+        assert ours.dtype == theirs.dtype
+        np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.fixture(scope="module")
+def rows() -> tuple[np.ndarray, np.ndarray]:
+    left, right = event_rows(700, 3), event_rows(500, 4, start=1.5e9 + 0.1)
+    left[200:230, 2] = left[200, 2]
+    return left, right
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory, rows: tuple) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("mvsec")
+    (folder / "camchain.yaml").write_text(yaml.safe_dump(camchain()))
+    return write_mvsec(folder / "data.hdf5", *rows), folder / "camchain.yaml"
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    length=st.floats(0.003, 2.0),
+    start=st.floats(-0.2, 0.7),
+    stop=st.one_of(st.just(np.inf), st.floats(-0.1, 0.8)),
+    block=st.integers(1, 900),
+)
+def test_slabs_hold_every_event_once(
+    files: tuple, rows: tuple, length: float, start: float, stop: float, block: int
+) -> None:
+    recording = MvsecRecording(*files, slab_length=length)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mvsec, "BLOCK_ROWS", block)
+        slabs = list(recording.slabs(start, stop))
+    for side, table in zip(("left", "right"), rows, strict=True):
+        parts = [getattr(slab, side) for slab in slabs]
+        whole = expected(table, rows[0][0, 2]).between(start, stop)
+        assert_same(Events.concatenate(parts), whole)
+        for slab, part in zip(slabs, parts, strict=True):
+            assert_same(part, whole.between(slab.start, slab.stop))
+
+
+@settings(deadline=None, max_examples=20)
+@given(length=st.floats(0.003, 2.0), start=st.floats(0.0, 0.4), stop=st.floats(0.41, 2.0))
+def test_slabs_cover_the_interval(files: tuple, length: float, start: float, stop: float) -> None:
+    recording = MvsecRecording(*files, slab_length=length)
+    slabs = list(recording.slabs(start, stop))
+    assert slabs[0].start == start
+    assert slabs[-1].stop == min(stop, np.nextafter(recording.duration, np.inf))
+    assert all(a.stop == b.start for a, b in pairwise(slabs))
+    assert all(0.0 < slab.stop - slab.start <= length * (1 + 1e-9) + 1e-15 for slab in slabs)
+
+
+def test_times_start_at_the_first_event_of_either_camera(tmp_path: Path, calibration: Path) -> None:
+    left, right = event_rows(50, 5, start=1.5e9 + 0.2), event_rows(50, 6)
+    recording = open_recording(write_mvsec(tmp_path / "a.hdf5", left, right), calibration)
+    assert recording.start_ns == round(right[0, 2] * 1e9)
+    assert recording.duration == max(left[-1, 2], right[-1, 2]) - right[0, 2]
+    ours_left, ours_right = read_all(recording)
+    assert_same(ours_left, expected(left, right[0, 2]))
+    assert_same(ours_right, expected(right, right[0, 2]))
+    stamps = [recording.stamp_ns(t) for t in ours_left.t]
+    np.testing.assert_allclose(stamps, left[:, 2] * 1e9, rtol=0, atol=1000)
+
+
+def test_slabs_without_events_are_yielded(tmp_path: Path, calibration: Path) -> None:
+    rows = np.concatenate([event_rows(20, 7, seconds=0.05), event_rows(20, 8, 1.5e9 + 1.0, 0.05)])
+    recording = open_recording(write_mvsec(tmp_path / "gap.hdf5", rows, rows), calibration)
+    counts = [len(slab.left) for slab in recording.slabs()]
+    assert counts[0] == 20
+    assert sum(counts[1:9]) == 0 and len(counts[1:9]) == 8
+    assert sum(counts) == 40
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"compression": "gzip", "chunks": (7, 1)}, {"compression": "lzf", "chunks": (64, 4)}],
+)
+def test_storage_and_zero_one_polarity(tmp_path: Path, calibration: Path, options: dict) -> None:
+    rows = event_rows(300, 9)
+    zero_one = rows.copy()
+    zero_one[:, 3] = rows[:, 3] > 0
+    path = write_mvsec(tmp_path / "a.hdf5", zero_one.astype(">f8"), rows, **options)
+    left, right = read_all(open_recording(str(path), str(calibration)))
+    assert_same(left, right)
+    assert_same(left, expected(rows, rows[0, 2]))
+
+
+def test_only_blocks_of_the_interval_are_read(
+    files: tuple, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mvsec, "BLOCK_ROWS", 10)
+    read = mvsec.read_column
+    rows_read = []
+
+    def counted(dataset, column, first_row, stop_row):  # type: ignore[no-untyped-def]
+        rows_read.append(stop_row - first_row)
+        return read(dataset, column, first_row, stop_row)
+
+    monkeypatch.setattr(mvsec, "read_column", counted)
+    recording = MvsecRecording(*files, slab_length=0.01)
+    next(recording.slabs(0.3))
+    assert max(rows_read) == 10
+    assert sum(rows_read) < 500
+
+
+def test_semi_synthetic_slice_of_indoor_flying(shared: Path) -> None:
+    recording = open_recording(
+        shared / "real/mvsec_indoor_flying1_slice/semi_synthetic_data.hdf5",
+        shared / "recordings/camchain-imucam-indoor_flying.yaml",
+    )
+    left, right = read_all(recording)
+    assert (len(left), len(right)) == (37187, 34601)
+    assert recording.duration == pytest.approx(0.224, abs=1e-3)
+    assert [len(part) for part in read_all(recording, 0.1, 0.12)] == [
+        len(left.between(0.1, 0.12)),
+        len(right.between(0.1, 0.12)),
+    ]
