@@ -10,10 +10,10 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from recording_files import camchain, event_rows, write_mvsec
 
 from gpvo.recordings import Events, Recording, mvsec, open_recording
 from gpvo.recordings.mvsec import MvsecRecording
-from tests.recordings.conftest import camchain, event_rows, write_mvsec
 
 COLUMNS = ("x", "y", "t", "polarity")
 
