@@ -1,5 +1,6 @@
 """Continuous-time stereo factors for GTSAM, exact to the microsecond."""
 
+from factors.interpolated_stereo import InterpolatedStereoFactor
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.stereo import StereoCamera, StereoReprojectionFactor
 from factors.wnoa import (
@@ -11,6 +12,7 @@ from factors.wnoa import (
 
 __all__ = [
     "InterpolatedState",
+    "InterpolatedStereoFactor",
     "StereoCamera",
     "StereoReprojectionFactor",
     "WnoaPriorFactor",

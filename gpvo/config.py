@@ -144,3 +144,60 @@ class McRansacConfig(StageConfig):
     max_condition: float = Field(
         1e10, gt=1, description="Condition number beyond which the velocity is undetermined."
     )
+
+
+Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+
+
+class NoiseConfig(StageConfig):
+    """Section IV: the covariances of motion and measurements."""
+
+    acceleration_psd: Vector6 = Field(
+        (1 / 500, 1 / 500, 1 / 500, 1 / 50, 1 / 50, 1 / 50),
+        description="Diagonal of Q_c, the power spectral density of the white noise on body "
+        "acceleration: rotation (rad^2/s^3), then translation (m^2/s^3).",
+    )
+    measurement_information: Vector3 = Field(
+        (0.5, 0.5, 0.1),
+        description="Diagonal of R^-1, the inverse covariance of (u_left, v, disparity), 1/pixel^2.",
+    )
+    initial_velocity: float = Field(
+        1.0, gt=0, description="Standard deviation of the first velocity, rad/s and m/s."
+    )
+
+
+class EstimatorConfig(StageConfig):
+    """Section III-C: the sliding window or fixed-lag smoother."""
+
+    method: Literal["batch", "incremental"] = Field(
+        "batch",
+        description="batch: Gauss-Newton over the window at every cluster, as in the paper; "
+        "incremental: GTSAM's incremental fixed-lag smoother.",
+    )
+    window: int = Field(5, ge=2, description="Clusters in the window.")
+    state_interval: float = Field(
+        0.0,
+        ge=0,
+        description="Shortest time between states, seconds; measurements between them are "
+        "interpolated. 0 makes every unique tracklet time a state, as the paper does.",
+    )
+    relative_decrease: float = Field(
+        0.01, gt=0, lt=1, description="Gauss-Newton ends when the cost changes by less than this."
+    )
+    iterations: int = Field(15, ge=1, description="Largest number of Gauss-Newton steps.")
+    covariance_interval: float = Field(
+        0.02, gt=0, description="Time between states whose joint covariance is kept, seconds."
+    )
+
+
+class Configuration(StageConfig):
+    """All stages, in the order of the flow."""
+
+    clustering: ClusteringConfig = ClusteringConfig()
+    tracking: TrackingConfig = TrackingConfig()
+    tracklets: TrackletConfig = TrackletConfig()
+    mc_ransac: McRansacConfig = McRansacConfig()
+    noise: NoiseConfig = NoiseConfig()
+    estimator: EstimatorConfig = EstimatorConfig()
+    seed: int = Field(0, ge=0, description="Seed of all random choices.")

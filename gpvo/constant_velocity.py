@@ -19,9 +19,7 @@ def moved_points(points: Array, dt: Array, velocity: Array) -> Array:
 
 
 @njit(cache=True)
-def _move(
-    x: float, y: float, z: float, dt: float, velocity: Array
-) -> tuple[float, float, float]:
+def _move(x: float, y: float, z: float, dt: float, velocity: Array) -> tuple[float, float, float]:
     """Exp(-dt v) p = C p + J rho, with C and J as series in the cross product by phi = -dt omega.
 
     C p + J rho = p + rho + phi x (a p + b rho) + phi x (phi x (b p + c rho)).

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,23 +12,27 @@ from factors import extrapolate, interpolate
 Array = NDArray[np.float64]
 
 
+@dataclass(eq=False)
 class States:
-    """Growing arrays of times (K,), poses T_world_cam (K, 4, 4) and body twists (K, 6)."""
+    """Increasing times (K,), poses T_world_cam (K, 4, 4) and body twists (K, 6), rotation first."""
 
-    def __init__(self) -> None:
-        self.t = np.empty(0)
-        self.T_world_cam = np.empty((0, 4, 4))
-        self.twist = np.empty((0, 6))
+    t: Array = field(default_factory=lambda: np.empty(0))
+    T_world_cam: Array = field(default_factory=lambda: np.empty((0, 4, 4)))
+    twist: Array = field(default_factory=lambda: np.empty((0, 6)))
 
     def __len__(self) -> int:
         return len(self.t)
 
-    def replace_from(self, t: Array, T_world_cam: Array, twist: Array) -> None:
-        """Replace all states from time t[0] on by these."""
-        kept = int(np.searchsorted(self.t, t[0]))
-        self.t = np.concatenate([self.t[:kept], t])
-        self.T_world_cam = np.concatenate([self.T_world_cam[:kept], T_world_cam])
-        self.twist = np.concatenate([self.twist[:kept], twist])
+    def replace_from(self, newer: States) -> None:
+        """Replace all states from the first time of others on by those."""
+        kept = int(np.searchsorted(self.t, newer.t[0]))
+        self.t = np.concatenate([self.t[:kept], newer.t])
+        self.T_world_cam = np.concatenate([self.T_world_cam[:kept], newer.T_world_cam])
+        self.twist = np.concatenate([self.twist[:kept], newer.twist])
+
+    def at(self, t: Array, twist_ahead: Array | None = None) -> States:
+        """States at times t (N,) by interpolation; see `query`."""
+        return States(t, *self.query(t, twist_ahead))
 
     def query(self, t: Array, twist_ahead: Array | None = None) -> tuple[Array, Array]:
         """Poses (N, 4, 4) and twists (N, 6) at times t (N,).
@@ -35,18 +41,23 @@ class States:
         beyond the last one at `twist_ahead`.
         """
         inside = np.clip(t, self.t[0], self.t[-1])
-        T, v = self._interpolate(inside)
+        T, twist = self._interpolate(inside)
         if twist_ahead is not None:
-            v[t > self.t[-1]] = twist_ahead
-        T, v, _ = extrapolate(T, v, t - inside)
-        return T, v
+            twist[t > self.t[-1]] = twist_ahead
+        T, twist, _ = extrapolate(T, twist, t - inside)
+        return T, twist
 
     def _interpolate(self, t: Array) -> tuple[Array, Array]:
         if len(self) == 1:
             return np.repeat(self.T_world_cam, len(t), 0), np.repeat(self.twist, len(t), 0)
-        j = np.clip(np.searchsorted(self.t, t, "right"), 1, len(self) - 1)
-        i = j - 1
+        i, j = bracket(self.t, t)
         state_i = self.T_world_cam[i], self.twist[i]
         state_j = self.T_world_cam[j], self.twist[j]
-        T, v, _ = interpolate(*state_i, *state_j, self.t[i], self.t[j], t)
-        return T, v
+        T, twist, _ = interpolate(*state_i, *state_j, self.t[i], self.t[j], t)
+        return T, twist
+
+
+def bracket(knots: Array, t: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices (N,) of the knots before and after times t (N,) within the increasing knots (K,)."""
+    after = np.clip(np.searchsorted(knots, t, "right"), 1, len(knots) - 1)
+    return after - 1, after

@@ -1,0 +1,93 @@
+"""The sliding window of section III-C: Gauss-Newton over the latest clusters, again at each one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors import StereoCamera
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.covariance_knots import CovarianceKnots
+from gpvo.factor_graph import FactorMaker, seen_twice, state_times
+from gpvo.initialization import start_states, velocity_ahead
+from gpvo.mc_ransac import VelocityFit
+from gpvo.states import States
+from gpvo.tracklets import Measurements
+from gpvo.trajectory import Trajectory
+from gpvo.window import FIXED, Window
+
+Array = NDArray[np.float64]
+
+
+class SlidingWindow:
+    """Estimates the states of the latest clusters from their measurements.
+
+    The window starts at the last state before its first measurement; that state's pose is fixed, and
+    it and all earlier ones are final.
+    """
+
+    def __init__(self, camera: StereoCamera, noise: NoiseConfig, config: EstimatorConfig) -> None:
+        self._make = FactorMaker(camera, noise)
+        self._config = config
+        self._states = States()
+        self._knots = CovarianceKnots()
+        self._measurements = Measurements.concatenate([])
+        self._coasting = np.empty(0)
+
+    def update(
+        self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
+    ) -> None:
+        """Take the inlier measurements that cluster number `frame`, which ended at `stop`, added.
+
+        Without any, the prior carries the estimate on to `stop`.
+        """
+        if len(self._states) == 0:
+            if len(measurements) == 0:
+                return
+            self._states = start_states(measurements.t.min(), fit, self._make.noise)
+        earlier = self._measurements
+        self._add(frame, stop, measurements)
+        t = self._window_times()
+        self._knots = self._knots_until(t[0], earlier)
+        ahead = velocity_ahead(self._states, t[-1], fit, self._make.noise)
+        window = Window(
+            self._states.at(t, ahead),
+            seen_twice(self._measurements),
+            np.diag(self._anchor_deviations**2),
+        )
+        self._states.replace_from(window.optimize(self._make, self._config))
+
+    def trajectory(self, start_ns: int) -> Trajectory:
+        """The trajectory so far; start_ns is the absolute stamp of t = 0."""
+        knots = self._knots_until(self._states.t[-1], self._measurements)
+        return Trajectory.of_states(self._states, knots, self._make.noise, start_ns)
+
+    @property
+    def _anchor_deviations(self) -> Array:
+        """(12,) of the pose, which is fixed, and of the twist, which the measurements tell."""
+        return np.repeat([FIXED, self._make.noise.initial_velocity], 6)
+
+    def _add(self, frame: int, stop: float, measurements: Measurements) -> None:
+        known = Measurements.concatenate([self._measurements, measurements])
+        self._measurements = known[known.frame > frame - self._config.window]
+        if len(measurements) == 0:
+            self._coasting = np.append(self._coasting, stop)
+
+    def _window_times(self) -> Array:
+        """Times of the window's states; the first is final, the last before its measurements."""
+        if len(self._measurements):
+            start = self._measurements.t.min()
+            self._coasting = self._coasting[self._coasting > start]
+        t = np.concatenate([self._measurements.t, self._coasting])
+        anchor = self._states.t[self._states.t < t.min()][-1:]
+        return np.concatenate([anchor, state_times(t, self._config.state_interval, *anchor)])
+
+    def _knots_until(self, stop: float, measurements: Measurements) -> CovarianceKnots:
+        return self._knots.until(
+            stop,
+            self._states,
+            measurements,
+            self._make,
+            self._config.covariance_interval,
+            self._anchor_deviations,
+        )

@@ -1,0 +1,184 @@
+"""The continuous trajectory: states joined by the WNOA prior, asked for at any time.
+
+Section III-C.2 of the paper.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from factors import extrapolate, interpolate
+from factors.lie import se3_inverse
+from gpvo.config import NoiseConfig
+from gpvo.covariance_knots import CovarianceKnots
+from gpvo.errors import InputError
+from gpvo.poses import StampedPoses
+from gpvo.states import States, bracket
+from gpvo.tum import write_tum
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Motion of the rectified left camera in the world frame of its first pose.
+
+    Attributes
+    ----------
+    start_ns
+        Absolute stamp of t = 0, nanoseconds.
+    t
+        (K,) increasing times of the states, seconds.
+    T_world_cam
+        (K, 4, 4) poses of the states.
+    twist
+        (K, 6) body velocities of the states, rotation first, rad/s and m/s:
+        T(t + dt) = T(t) Exp(dt v).
+    qc
+        (6,) power spectral density of the white noise on acceleration, rotation first.
+    knots
+        (M,) increasing indices of the states whose covariance is known.
+    knot_covariance
+        (M - 1, 24, 24) joint covariances of each knot and the next: pose and velocity of the one,
+        then of the other; poses are perturbed on the right, rotation first.
+    """
+
+    start_ns: int
+    t: Array
+    T_world_cam: Array
+    twist: Array
+    qc: Array
+    knots: NDArray[np.int64]
+    knot_covariance: Array
+
+    @staticmethod
+    def of_states(
+        states: States, knots: CovarianceKnots, noise: NoiseConfig, start_ns: int
+    ) -> Trajectory:
+        """Trajectory of estimated states; the first of them becomes the world's origin."""
+        return Trajectory(
+            start_ns,
+            states.t,
+            se3_inverse(states.T_world_cam[0]) @ states.T_world_cam,
+            states.twist,
+            np.array(noise.acceleration_psd),
+            np.searchsorted(states.t, knots.t),
+            knots.joint,
+        )
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def start(self) -> float:
+        """Time of the first state, seconds."""
+        return float(self.t[0])
+
+    @property
+    def stop(self) -> float:
+        """Time of the last state, seconds."""
+        return float(self.t[-1])
+
+    def pose(self, t: ArrayLike, extrapolation: bool = False) -> Array:
+        """T_world_cam (..., 4, 4) at times t (...), seconds.
+
+        Raises
+        ------
+        InputError
+            If a time lies outside [start, stop] and extrapolation is not asked for.
+        """
+        return self._query(t, extrapolation)[0]
+
+    def velocity(self, t: ArrayLike, extrapolation: bool = False) -> Array:
+        """Body twist (..., 6), rotation first, at times t (...); raises as `pose` does."""
+        return self._query(t, extrapolation)[1]
+
+    def covariance(self, t: ArrayLike, extrapolation: bool = False) -> Array:
+        """Covariance (..., 12, 12) of pose and velocity at times t (...); raises as `pose` does.
+
+        The pose is perturbed on the right, rotation first, relative to the world, the first pose.
+        Between knots it is the Gaussian process' own, from the joint covariance of both.
+        """
+        times = self._checked(t, extrapolation)
+        flat = times.ravel()
+        knot_t = self.t[self.knots]
+        inside = np.clip(flat, knot_t[0], knot_t[-1])
+        before, after = bracket(knot_t, inside)
+        i, j = self.knots[before], self.knots[after]
+        T, twist, covariance = interpolate(
+            self.T_world_cam[i],
+            self.twist[i],
+            self.T_world_cam[j],
+            self.twist[j],
+            self.t[i],
+            self.t[j],
+            inside,
+            self.qc,
+            self.knot_covariance[before],
+        )
+        _, _, covariance = extrapolate(T, twist, flat - inside, self.qc, covariance)
+        return np.asarray(covariance).reshape(*times.shape, 12, 12)
+
+    def stamps_ns(self, t: ArrayLike) -> NDArray[np.int64]:
+        """Absolute stamps (...) of times t (...), nanoseconds."""
+        return self.start_ns + np.rint(np.asarray(t, np.float64) * 1e9).astype(np.int64)
+
+    def stamped_poses(self, t: ArrayLike | None = None) -> StampedPoses:
+        """Poses at times t (N,), by default at the states, with absolute stamps."""
+        times = self.t if t is None else np.asarray(t, np.float64)
+        return StampedPoses(self.stamps_ns(times), self.pose(times))
+
+    def export_tum(self, path: Path | str, t: ArrayLike | None = None) -> None:
+        """Write a TUM file of the poses at times t (N,), by default at the states."""
+        write_tum(path, self.stamped_poses(t))
+
+    def save(self, path: Path | str) -> None:
+        """Write everything to one .npz file; a file of that name is replaced once it is whole."""
+        columns = {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
+        unfinished = Path(f"{path}.unfinished")
+        with open(unfinished, "wb") as file:
+            np.savez(file, **columns)
+        os.replace(unfinished, path)
+
+    @staticmethod
+    def load(path: Path | str) -> Trajectory:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged or not a trajectory.
+        """
+        names = [field.name for field in fields(Trajectory)]
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                columns = {name: file[name] for name in names}
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise InputError(
+                f"{path}: is not a trajectory that `gpvo run` saved ({error})"
+            ) from error
+        return Trajectory(int(columns.pop("start_ns")), **columns)
+
+    def _query(self, t: ArrayLike, extrapolation: bool) -> tuple[Array, Array]:
+        times = self._checked(t, extrapolation)
+        states = States(self.t, self.T_world_cam, self.twist)
+        T, twist = states.query(times.ravel())
+        return T.reshape(*times.shape, 4, 4), twist.reshape(*times.shape, 6)
+
+    def _checked(self, t: ArrayLike, extrapolation: bool) -> Array:
+        times = np.asarray(t, np.float64)
+        if not np.isfinite(times).all():
+            raise InputError("t: times must be finite")
+        outside = (times < self.start) | (times > self.stop)
+        if outside.any() and not extrapolation:
+            raise InputError(
+                f"t = {times[outside].flat[0]:.6f} s lies outside the trajectory, {self.start:.6f} to"
+                f" {self.stop:.6f} s; ask for it with extrapolation=True"
+            )
+        return times

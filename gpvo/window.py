@@ -1,0 +1,119 @@
+"""A window of states as a GTSAM problem: its graph, initial values, optimum and covariances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, V, X
+from numpy.typing import NDArray
+
+from gpvo.config import EstimatorConfig
+from gpvo.factor_graph import FactorMaker, landmark_points, nested_dissection
+from gpvo.states import States
+from gpvo.tracklets import Measurements
+
+Array = NDArray[np.float64]
+FIXED = 1e-6
+"""Standard deviation of the pose that the world or a window starts with, rad and m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """States 0 to K - 1 and the measurements between the first and the last of them.
+
+    Attributes
+    ----------
+    states
+        Times, and the poses and twists to begin with.
+    measurements
+        Of landmarks that are measured at least twice.
+    anchor_covariance
+        (12, 12) of the first state's pose and twist, which its priors hold.
+    """
+
+    states: States
+    measurements: Measurements
+    anchor_covariance: Array
+
+    def graph(self, make: FactorMaker) -> gtsam.NonlinearFactorGraph:
+        """Priors on the first state, WNOA priors, and reprojection factors."""
+        numbers, states = range(len(self.states)), self.states
+        graph = gtsam.NonlinearFactorGraph()
+        for factor in (
+            *make.anchor(0, states.T_world_cam[0], states.twist[0], self.anchor_covariance),
+            *make.motion(numbers, states.t),
+            *make.reprojection(numbers, states.t, self.measurements),
+        ):
+            graph.push_back(factor)
+        return graph
+
+    def values(self, make: FactorMaker) -> gtsam.Values:
+        """The states, and landmarks triangulated from them."""
+        values = gtsam.Values()
+        for k, (T, twist) in enumerate(
+            zip(self.states.T_world_cam, self.states.twist, strict=True)
+        ):
+            values.insert(X(k), gtsam.Pose3(T))
+            values.insert(V(k), twist)
+        T_at_measurement, _ = self.states.query(self.measurements.t)
+        for landmark, point in landmark_points(self.measurements, T_at_measurement, make.camera):
+            values.insert(L(landmark), point)
+        return values
+
+    def optimize(self, make: FactorMaker, config: EstimatorConfig) -> States:
+        """The states that minimize the cost."""
+        ordering = nested_dissection(range(len(self.states)), self.states.t, self.measurements)
+        values = gauss_newton(self.graph(make), self.values(make), ordering, config)
+        numbers = range(len(self.states))
+        return States(
+            self.states.t,
+            np.array([values.atPose3(X(k)).matrix() for k in numbers]),
+            np.array([values.atVector(V(k)) for k in numbers]),
+        )
+
+    def joint_covariances(self, make: FactorMaker, count: int) -> Array:
+        """(count, 24, 24) joint covariances of the first states and the next of each."""
+        solved = gtsam.ISAM2(qr_parameters())
+        solved.update(self.graph(make), self.values(make))
+        return np.array([joint_covariance(solved, k, k + 1) for k in range(count)])
+
+
+def gauss_newton(
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    ordering: gtsam.Ordering,
+    config: EstimatorConfig,
+) -> gtsam.Values:
+    """Minimize by Gauss-Newton until the cost changes by less than `relative_decrease`.
+
+    The loop is ours because GTSAM's optimizers copy all values for each Python factor, and QR because
+    their Cholesky rejects well-posed chains of states microseconds apart.
+    """
+    cost = graph.error(values)
+    for _ in range(config.iterations):
+        linear = graph.linearize(values)
+        step = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR).optimize()
+        values = values.retract(step)
+        previous, cost = cost, graph.error(values)
+        if abs(previous - cost) <= config.relative_decrease * previous:
+            break
+    return values
+
+
+def qr_parameters() -> gtsam.ISAM2Params:
+    """iSAM2 by QR that relinearizes whatever moved, as stiff chains of states need it."""
+    parameters = gtsam.ISAM2Params()
+    parameters.setFactorization("QR")
+    parameters.setRelinearizeThreshold(1e-3)
+    parameters.relinearizeSkip = 1
+    parameters.findUnusedFactorSlots = True
+    return parameters
+
+
+def joint_covariance(solved: gtsam.ISAM2, i: int, j: int) -> Array:
+    """(24, 24) joint covariance of the pose and twist of state i and of state j."""
+    keys = [X(i), V(i), X(j), V(j)]
+    joint = solved.jointMarginalCovariance(keys)
+    return np.block([[joint.at(row, column) for column in keys] for row in keys])
