@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from gpvo.recordings.base import Events
 from gpvo.simulation.motion import Motion
@@ -68,13 +69,15 @@ def frame_times(
     width, height = sensor.resolution
     pixels = pixel_grid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 7))
     rays, f = pixel_rays(pixels, sensor.K), sensor.K[0, 0]
-    times = [0.0]
-    while times[-1] < duration:
-        _, depth = scene.look(rays, 1.0 / f, motion.pose(times[-1])[0])
-        speed = f * _image_speed(rays, depth, motion.twist(times[-1])[0]).max()
-        times.append(times[-1] + min(_LONGEST_STEP, pixels_per_frame / max(speed, 1e-9)))
-    times[-1] = duration
-    return np.array(times)
+    ticks = np.linspace(0.0, duration, int(np.ceil(duration / _LONGEST_STEP)) + 1)
+    speeds = []
+    for pose, twist in zip(motion.pose(ticks), motion.twist(ticks), strict=True):
+        _, depth = scene.look(rays, 1.0 / f, pose)
+        speeds.append(f * _image_speed(rays, depth, twist).max())
+    slowest = pixels_per_frame / _LONGEST_STEP
+    path = cumulative_trapezoid(np.maximum(speeds, slowest), ticks, initial=0.0)
+    frames = int(np.ceil(path[-1] / pixels_per_frame)) + 1
+    return np.interp(np.linspace(0.0, path[-1], frames), path, ticks)
 
 
 def _image_speed(rays: Array, depth: Array, twist: Array) -> Array:
@@ -97,7 +100,7 @@ def simulate_events(
     The sensor is at the poses T_world_cam (N, 4, 4). Times of events are whole microseconds.
     """
     width, height = sensor.resolution
-    rays = pixel_rays(pixel_grid(np.arange(width), np.arange(height)), sensor.K)
+    rays = pixel_rays(pixel_grid(np.arange(float(width)), np.arange(float(height))), sensor.K)
     pixel_angle = 1.0 / sensor.K[0, 0]
     thresholds = sensor.draw_thresholds(rng)
     before, _ = scene.look(rays, pixel_angle, poses[0])
@@ -110,7 +113,7 @@ def simulate_events(
         n = _cross(before, now, start, stop, thresholds, period, reference, last, pixel, t, on)
         noise = _noise(sensor, start, stop, rng)
         parts = zip((pixel[:n], t[:n], on[:n]), noise, strict=True)
-        yield _in_order(*(np.concatenate(part) for part in parts), width=width)
+        yield _in_order(width, *(np.concatenate(part) for part in parts))
         before = now
 
 
@@ -122,7 +125,7 @@ def _noise(
     return rng.integers(sensor.pixels, size=n), rng.uniform(start, stop, n), rng.random(n) < 0.5
 
 
-def _in_order(pixel: NDArray[np.int64], t: Array, on: NDArray[np.bool_], width: int) -> Events:
+def _in_order(width: int, pixel: NDArray[np.int64], t: Array, on: NDArray[np.bool_]) -> Events:
     """Events of one step in order of time, in whole microseconds."""
     order = np.argsort(t, kind="stable")
     y, x = np.divmod(pixel[order], width)

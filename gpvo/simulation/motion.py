@@ -33,7 +33,7 @@ class _Style(NamedTuple):
 
 
 _STYLES: dict[MotionName, _Style] = {
-    "hand_held": _Style((0.5, 0.6, 0.3), (0.15, 0.3, 0.12), 1.2),
+    "hand_held": _Style((0.5, 0.6, 0.3), (0.10, 0.20, 0.10), 1.2),
     "fast": _Style((0.5, 0.6, 0.3), (0.2, 0.4, 0.2), 0.5),
     "rotation": _Style((0.0, 0.0, 0.0), (0.3, 0.6, 0.3), 0.8),
     "back_and_forth": _Style((0.05, 0.6, 0.05), (0.03, 0.03, 0.03), 1.2),

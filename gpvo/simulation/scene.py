@@ -12,8 +12,9 @@ from gpvo.simulation.textures import LEVELS, TEXELS, random_textures
 
 Array = NDArray[np.float64]
 
-_TEXELS_PER_METRE = 100.0
+_TEXELS_PER_METRE = 50.0
 _WALLS = 6
+_MASK = TEXELS - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +61,33 @@ class Scene:
         """
         intensity = np.empty(len(rays), np.float32)
         depth = np.empty(len(rays))
-        _look(rays, pixel_angle, T_world_cam, self.boxes, self.textures, intensity, depth)
+        R, position = np.ascontiguousarray(T_world_cam[:3, :3]), T_world_cam[:3, 3].copy()
+        corners = self.boxes - position
+        bounds = _image_bounds(corners, R)
+        _look(rays, pixel_angle, R, position, corners, bounds, self.textures, intensity, depth)
         return intensity, depth
 
     def depth(self, pixels: Array, K: Array, T_world_cam: Array) -> Array:
         """Exact depth Z (N,), metres, of (N, 2) pixels of a pinhole camera K (3, 3)."""
         return self.look(pixel_rays(pixels, K), 1.0 / K[0, 0], T_world_cam)[1]
+
+
+def _image_bounds(corners: Array, R_world_cam: Array) -> Array:
+    """(B, 2, 2) lowest and highest x and y at unit depth of boxes, given from the camera.
+
+    Boxes behind the camera get empty bounds, those partly behind it unlimited ones.
+    """
+    x, y, z = np.meshgrid([0, 1], [0, 1], [0, 1])
+    vertices = np.stack([corners[:, x, 0], corners[:, y, 1], corners[:, z, 2]], axis=-1)
+    points = vertices.reshape(len(corners), 8, 3) @ R_world_cam
+    in_front = points[:, :, 2] > 0.0
+    bounds = np.empty((len(corners), 2, 2))
+    bounds[:] = np.array([[-np.inf], [np.inf]])
+    bounds[~in_front.any(axis=1)] = np.array([[np.inf], [-np.inf]])
+    seen = in_front.all(axis=1)
+    projected = points[seen, :, :2] / points[seen, :, 2:]
+    bounds[seen] = np.stack([projected.min(axis=1), projected.max(axis=1)], axis=1)
+    return bounds
 
 
 def pixel_rays(pixels: Array, K: Array) -> Array:
@@ -83,75 +105,81 @@ def pixel_grid(columns: Array, rows: Array) -> Array:
 def _look(
     rays: Array,
     pixel_angle: float,
-    T: Array,
-    boxes: Array,
+    R: Array,
+    position: Array,
+    corners: Array,
+    bounds: Array,
     textures: NDArray[np.float32],
     intensity: NDArray[np.float32],
     depth: Array,
 ) -> None:
-    """Cut every ray with every box (slab method) and look its texture up at the nearest face."""
-    slope = np.empty(3)  # of the ray in the world frame, per unit of depth
+    """Cut every ray with every box (slab method) and look its texture up at the nearest face.
+
+    `corners` are those of the boxes as seen from the camera's position, in axes of the world.
+    """
+    slope, inverse = np.empty(3), np.empty(3)  # metres of world per metre of depth
+    far = np.empty(3, np.int64)  # the corner on whose side the ray leaves
     for i in range(len(rays)):
-        length = 0.0
-        for axis in range(3):
-            slope[axis] = T[axis, 0] * rays[i, 0] + T[axis, 1] * rays[i, 1] + T[axis, 2]
-            length += slope[axis] * slope[axis]
+        squared_length = 0.0
         nearest, nearest_box, nearest_axis = np.inf, 0, 0
-        for box in range(len(boxes)):
-            enter, leave, enter_axis, leave_axis = -np.inf, np.inf, 0, 0
+        for axis in range(3):
+            slope[axis] = R[axis, 0] * rays[i, 0] + R[axis, 1] * rays[i, 1] + R[axis, 2]
+            inverse[axis] = 1.0 / slope[axis]
+            far[axis] = 1 if slope[axis] > 0.0 else 0
+            squared_length += slope[axis] * slope[axis]
+            wall = corners[0, far[axis], axis] * inverse[axis]
+            if wall < nearest:
+                nearest, nearest_axis = wall, axis
+        for box in range(1, len(corners)):
+            if not (bounds[box, 0, 0] <= rays[i, 0] <= bounds[box, 1, 0]):
+                continue
+            if not (bounds[box, 0, 1] <= rays[i, 1] <= bounds[box, 1, 1]):
+                continue
+            enter, leave, enter_axis = 0.0, nearest, -1
             for axis in range(3):
-                a = (boxes[box, 0, axis] - T[axis, 3]) / slope[axis]
-                b = (boxes[box, 1, axis] - T[axis, 3]) / slope[axis]
-                if min(a, b) > enter:
-                    enter, enter_axis = min(a, b), axis
-                if max(a, b) < leave:
-                    leave, leave_axis = max(a, b), axis
-            if box == 0:
-                nearest, nearest_axis = leave, leave_axis
-            elif 0.0 < enter < leave and enter < nearest:
+                a = corners[box, 1 - far[axis], axis] * inverse[axis]
+                b = corners[box, far[axis], axis] * inverse[axis]
+                if a > enter:
+                    enter, enter_axis = a, axis
+                if b < leave:
+                    leave = b
+            if enter < leave and enter_axis >= 0:
                 nearest, nearest_box, nearest_axis = enter, box, enter_axis
         across, up = (nearest_axis + 1) % 3, (nearest_axis + 2) % 3
-        side = 1 if slope[nearest_axis] > 0.0 else 0
-        texture = (nearest_box + 2 * nearest_axis + side) % len(textures)
-        pixel = nearest * pixel_angle * np.sqrt(length) / abs(slope[nearest_axis])
+        pixel = nearest * pixel_angle * np.sqrt(squared_length) * abs(inverse[nearest_axis])
         depth[i] = nearest
         intensity[i] = _texture_value(
             textures,
-            texture,
-            (T[across, 3] + nearest * slope[across]) * _TEXELS_PER_METRE,
-            (T[up, 3] + nearest * slope[up]) * _TEXELS_PER_METRE,
+            (nearest_box + 2 * nearest_axis + far[nearest_axis]) % len(textures),
+            (position[across] + nearest * slope[across]) * _TEXELS_PER_METRE,
+            (position[up] + nearest * slope[up]) * _TEXELS_PER_METRE,
             pixel * _TEXELS_PER_METRE,
         )
 
 
 @njit(cache=True)
 def _texture_value(
-    textures: NDArray[np.float32], texture: int, column: float, row: float, pixel: float
+    textures: NDArray[np.float32], index: int, column: float, row: float, pixel: float
 ) -> float:
     """Trilinear value at a texel of a texture, for a pixel that covers so many texels."""
-    level, size = 0, max(pixel, 1.0)
-    while size > 2.0 and level < LEVELS - 2:
-        level, size = level + 1, 0.5 * size
-    c, r = int(np.floor(column)), int(np.floor(row))
-    u, v = column - c, row - r
-    c0, c1, r0, r1 = c % TEXELS, (c + 1) % TEXELS, r % TEXELS, (r + 1) % TEXELS
-    fine = _bilinear(textures, texture, level, c0, c1, r0, r1, u, v)
-    coarse = _bilinear(textures, texture, level + 1, c0, c1, r0, r1, u, v)
-    return fine + min(size - 1.0, 1.0) * (coarse - fine)
+    level = 0
+    while pixel > 2.0 and level < LEVELS - 2:
+        level, pixel = level + 1, 0.5 * pixel
+    fine = _bilinear(textures, index, level, column, row)
+    if pixel <= 1.0:
+        return fine
+    return fine + min(pixel - 1.0, 1.0) * (
+        _bilinear(textures, index, level + 1, column, row) - fine
+    )
 
 
 @njit(cache=True)
 def _bilinear(
-    textures: NDArray[np.float32],
-    texture: int,
-    level: int,
-    c0: int,
-    c1: int,
-    r0: int,
-    r1: int,
-    u: float,
-    v: float,
+    textures: NDArray[np.float32], index: int, level: int, column: float, row: float
 ) -> float:
-    top = (1.0 - u) * textures[texture, level, r0, c0] + u * textures[texture, level, r0, c1]
-    bottom = (1.0 - u) * textures[texture, level, r1, c0] + u * textures[texture, level, r1, c1]
-    return (1.0 - v) * top + v * bottom
+    left, top = int(np.floor(column)), int(np.floor(row))
+    u, v = column - left, row - top
+    c0, c1, r0, r1 = (left & _MASK, (left + 1) & _MASK, top & _MASK, (top + 1) & _MASK)
+    upper = (1.0 - u) * textures[index, level, r0, c0] + u * textures[index, level, r0, c1]
+    lower = (1.0 - u) * textures[index, level, r1, c0] + u * textures[index, level, r1, c1]
+    return (1.0 - v) * upper + v * lower

@@ -13,13 +13,13 @@ TEXELS = 512
 LEVELS = 5
 """Levels of detail; level k suits pixels that cover 2**k texels."""
 
-_SHAPES = ((60, 40.0, 90.0), (350, 10.0, 40.0), (900, 4.0, 10.0))
+_SHAPES = ((80, 40.0, 80.0), (100, 15.0, 40.0), (300, 4.0, 12.0))
 """Shapes painted on a texture, coarse below fine: how many, smallest and largest radius, texels."""
 
-_CONTRAST = 2.4
-"""Range of the shapes' log intensity, about a factor of eleven in brightness."""
+_CONTRAST = 1.8
+"""Range of the shapes' log intensity, about a factor of six in brightness."""
 
-_NOISE = 0.1
+_NOISE = 0.04
 """Standard deviation of the log intensity of the band-limited noise on top."""
 
 
@@ -54,8 +54,8 @@ def _paint_shape(image: NDArray[np.uint8], radius: float, rng: np.random.Generat
 
 
 def _levels_of_detail(texture: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(LEVELS, TEXELS, TEXELS), each level blurred by 0.7 of the pixels it suits."""
-    return np.stack([_blurred(texture, 0.7 * 2**level) for level in range(LEVELS)])
+    """(LEVELS, TEXELS, TEXELS), each level blurred by 0.6 of the pixels it suits."""
+    return np.stack([_blurred(texture, 0.6 * 2**level) for level in range(LEVELS)])
 
 
 def _blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
