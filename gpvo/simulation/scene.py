@@ -125,7 +125,7 @@ def _look(
         for axis in range(3):
             slope[axis] = R[axis, 0] * rays[i, 0] + R[axis, 1] * rays[i, 1] + R[axis, 2]
             inverse[axis] = 1.0 / slope[axis]
-            far[axis] = 1 if slope[axis] > 0.0 else 0
+            far[axis] = 1 if inverse[axis] > 0.0 else 0  # right for slopes of 0 and -0, too
             squared_length += slope[axis] * slope[axis]
             wall = corners[0, far[axis], axis] * inverse[axis]
             if wall < nearest:
