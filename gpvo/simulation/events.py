@@ -21,6 +21,7 @@ from gpvo.simulation.scene import Scene, pixel_grid, pixel_rays
 Array = NDArray[np.float64]
 
 _LONGEST_STEP = 0.010
+"""Seconds between frames of a camera that hardly moves."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,10 +15,8 @@ from gpvo.poses import rigid_transforms
 Array = NDArray[np.float64]
 MotionName = Literal["hand_held", "fast", "rotation", "back_and_forth", "corridor", "still"]
 
-REACH = np.array([0.9, 1.1, 0.6])
-"""How far from the straight path a camera may get, overshoot of the splines included, metres."""
-
 CORRIDOR_SPEED = 0.7
+"""Speed of the motion "corridor" along x of the world, m/s."""
 
 _R_WORLD_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """A level camera that looks along x of the world, whose z points up."""
@@ -40,7 +38,6 @@ _STYLES: dict[MotionName, _Style] = {
     "corridor": _Style((0.0, 0.15, 0.1), (0.05, 0.1, 0.05), 1.0),
     "still": _Style((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0),
 }
-assert set(_STYLES) == set(get_args(MotionName))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,11 @@ START_NS = 1_000_000_000_000
 """Absolute stamp of the start of every simulation; small enough for exact float64 seconds."""
 
 GROUND_TRUTH_RATE = 200
+"""Poses per second."""
+
+Size = Annotated[int, Field(ge=1, le=65535)]
+"""A width or height, pixels; columns and rows are uint16."""
+
 _SLAB = 0.1
 
 
@@ -33,7 +39,7 @@ class SimulationConfig(StageConfig):
     seed: int = Field(0, ge=0, description="Seed of the scene, the motion and the sensors.")
     motion: MotionName = Field("hand_held", description="How the camera moves.")
     duration: float = Field(3.0, gt=0, description="Duration of the motion, seconds.")
-    resolution: tuple[int, int] = Field((346, 260), description="Width and height, pixels.")
+    resolution: tuple[Size, Size] = Field((346, 260), description="Width and height, pixels.")
     focal_length: float = Field(226.0, gt=0, description="Of both cameras, pixels.")
     baseline: float = Field(0.10, gt=0, description="Distance of the cameras, metres.")
     boxes: int = Field(5, ge=0, description="Boxes in the room.")

@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 _TEXELS_PER_METRE = 50.0
 _WALLS = 6
 _MASK = TEXELS - 1
+_CENTRE = TEXELS / 2
+"""Texel at the world's origin: shapes are cut at a texture's border, far off in small rooms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +153,8 @@ def _look(
         intensity[i] = _texture_value(
             textures,
             (nearest_box + 2 * nearest_axis + far[nearest_axis]) % len(textures),
-            (position[across] + nearest * slope[across]) * _TEXELS_PER_METRE,
-            (position[up] + nearest * slope[up]) * _TEXELS_PER_METRE,
+            (position[across] + nearest * slope[across]) * _TEXELS_PER_METRE + _CENTRE,
+            (position[up] + nearest * slope[up]) * _TEXELS_PER_METRE + _CENTRE,
             pixel * _TEXELS_PER_METRE,
         )
 
