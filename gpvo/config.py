@@ -16,9 +16,9 @@ class StageConfig(BaseModel):
 class ClusteringConfig(StageConfig):
     """Section III-A.1: when a cluster of events ends."""
 
-    window: float = Field(0.05, gt=0, description="Longest duration of a cluster, seconds.")
+    window: float = Field(0.1, gt=0, description="Longest duration of a cluster, seconds.")
     max_events: int = Field(
-        30_000, gt=0, description="Events of either camera that end a cluster early."
+        20_000, gt=0, description="Events of either camera that end a cluster early."
     )
 
 
@@ -109,6 +109,12 @@ class TrackletConfig(StageConfig):
     min_disparity: float = Field(2.0, ge=0, description="Smallest disparity, pixels.")
     min_length: float = Field(2.0, ge=0, description="Smallest image motion, pixels.")
     min_duration: float = Field(0.040, ge=0, description="Shortest duration, seconds.")
+    history: int = Field(
+        10,
+        ge=2,
+        description="Clusters that tracklets are remembered for; in slow motion they take long to "
+        "reach `min_length`.",
+    )
 
 
 class McRansacConfig(StageConfig):

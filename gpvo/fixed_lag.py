@@ -72,8 +72,10 @@ class FixedLagSmoother:
         self._add(graph, self._make.reprojection(numbers, t, usable))
         self._solve(graph, values, stamps)
 
-    def trajectory(self, start_ns: int) -> Trajectory:
-        """The trajectory so far; start_ns is the absolute stamp of t = 0."""
+    def trajectory(self, start_ns: int) -> Trajectory | None:
+        """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
+        if len(self._states) == 0:
+            return None
         knots = self._knots_before(np.inf)
         return Trajectory.of_states(self._states, knots, self._make.noise, start_ns)
 

@@ -57,8 +57,10 @@ class SlidingWindow:
         )
         self._states.replace_from(window.optimize(self._make, self._config))
 
-    def trajectory(self, start_ns: int) -> Trajectory:
-        """The trajectory so far; start_ns is the absolute stamp of t = 0."""
+    def trajectory(self, start_ns: int) -> Trajectory | None:
+        """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
+        if len(self._states) == 0:
+            return None
         knots = self._knots_until(self._states.t[-1], self._measurements)
         return Trajectory.of_states(self._states, knots, self._make.noise, start_ns)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gpvo.clustering import StereoCluster
 from gpvo.config import TrackletConfig
+from gpvo.mc_ransac import Segments
 from gpvo.observations import Observations
 
 
@@ -58,57 +59,69 @@ class Measurements:
         return Measurements(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
-@dataclass
 class Tracklets:
-    """The measurements of the latest clusters, those that passed the filters of their own.
+    """The measurements of the latest clusters, those that passed the filters of their own."""
 
-    Parameters
-    ----------
-    config
-        Thresholds of the filters.
-    window
-        Number of latest clusters whose measurements are kept.
-    """
-
-    config: TrackletConfig
-    window: int
-    measurements: Measurements = field(default_factory=lambda: Measurements.concatenate([]))
-    _clusters: deque[tuple[int, StereoCluster]] = field(default_factory=deque)
-    _cluster_count: int = 0
+    def __init__(self, config: TrackletConfig) -> None:
+        self._config = config
+        self._clusters: deque[tuple[int, StereoCluster]] = deque(maxlen=config.history)
+        self._cluster_count = 0
+        self._measurements = Measurements.concatenate([])
+        self._taken = np.empty(0, bool)
 
     def add(self, cluster: StereoCluster, observations: Observations) -> None:
         """Take the observations that a new cluster added, in it or in earlier ones."""
         self._clusters.append((self._cluster_count, cluster))
         self._cluster_count += 1
-        while len(self._clusters) > self.window:
-            self._clusters.popleft()
-        oldest = self._clusters[0][0]
+        self._keep(self._measurements.frame >= self._clusters[0][0])
         new = [self._measure(number, seen, observations) for number, seen in self._clusters]
-        kept = self.measurements[self.measurements.frame >= oldest]
-        self.measurements = Measurements.concatenate([kept, *new])
+        self._measurements = Measurements.concatenate([self._measurements, *new])
+        self._taken = np.append(self._taken, np.zeros(sum(map(len, new)), bool))
 
-    def discard(self, landmark: NDArray[np.int64], frame: int) -> None:
-        """Forget the measurements that a cluster made of these landmarks."""
-        rejected = np.isin(self.measurements.landmark, landmark)
-        rejected &= self.measurements.frame == frame
-        self.measurements = self.measurements[~rejected]
+    def segments(self, span: int) -> tuple[Segments, NDArray[np.int64]]:
+        """Segments (N,) from up to `span` clusters ago to the newest, and their landmarks (N,)."""
+        newest = self._cluster_count - 1
+        measurements = self._measurements[self._long_enough()]
+        recent = measurements[measurements.frame >= newest - span]
+        later = recent[recent.frame == newest]
+        earlier = recent[np.unique(recent.landmark, return_index=True)[1]]
+        landmark, i, j = np.intersect1d(earlier.landmark, later.landmark, return_indices=True)
+        dt = later.t[j] - earlier.t[i]
+        segments = Segments(earlier.stereo[i], later.stereo[j], dt)
+        return segments[dt > 0], landmark[dt > 0]
 
-    def long_enough(self) -> Measurements:
-        """Measurements of the tracklets that pass the length and duration filters, in time order.
+    def take(self, inliers: NDArray[np.int64]) -> Measurements:
+        """Measurements of these landmarks that were not taken before."""
+        index = self._long_enough()
+        index = index[np.isin(self._measurements.landmark[index], inliers) & ~self._taken[index]]
+        self._taken[index] = True
+        return self._measurements[index]
+
+    def reject(self, outliers: NDArray[np.int64]) -> None:
+        """Forget the measurements that the newest cluster made of these landmarks."""
+        newest = self._measurements.frame == self._cluster_count - 1
+        self._keep(~(newest & np.isin(self._measurements.landmark, outliers)))
+
+    def _keep(self, mask: NDArray[np.bool_]) -> None:
+        self._measurements, self._taken = self._measurements[mask], self._taken[mask]
+
+    def _long_enough(self) -> NDArray[np.int64]:
+        """Measurements of tracklets that pass the length and duration filters, in time order.
 
         A tracklet's length is the distance between its first and its last left image point.
         """
-        ordered = self.measurements[np.lexsort((self.measurements.t, self.measurements.landmark))]
-        if len(ordered) == 0:
-            return ordered
+        known = self._measurements
+        order = np.lexsort((known.t, known.landmark))
+        if len(order) == 0:
+            return order
         _, first, tracklet, count = np.unique(
-            ordered.landmark, return_index=True, return_inverse=True, return_counts=True
+            known.landmark[order], return_index=True, return_inverse=True, return_counts=True
         )
-        last = first + count - 1
-        motion = ordered.stereo[last, :2] - ordered.stereo[first, :2]
-        passed = np.linalg.norm(motion, axis=1) >= self.config.min_length
-        passed &= ordered.t[last] - ordered.t[first] >= self.config.min_duration
-        return ordered[passed[tracklet]]
+        start, end = order[first], order[first + count - 1]
+        motion = known.stereo[end, :2] - known.stereo[start, :2]
+        passed = np.linalg.norm(motion, axis=1) >= self._config.min_length
+        passed &= known.t[end] - known.t[start] >= self._config.min_duration
+        return order[passed[tracklet]]
 
     def _measure(
         self, number: int, cluster: StereoCluster, observations: Observations
@@ -117,11 +130,11 @@ class Tracklets:
         seen = observations.frame == number
         left, right = observations.left[seen], observations.right[seen]
         disparity = observations.disparity[seen]
-        radius = self.config.time_radius
+        radius = self._config.time_radius
         t_left = feature_times(cluster.left.surface_of_active_events, left, radius)
         t_right = feature_times(cluster.right.surface_of_active_events, right, radius)
-        passed = np.abs(t_left - t_right) <= self.config.max_stereo_time_difference
-        passed &= disparity >= self.config.min_disparity
+        passed = np.abs(t_left - t_right) <= self._config.max_stereo_time_difference
+        passed &= disparity >= self._config.min_disparity
         return Measurements(
             observations.landmark[seen],
             observations.frame[seen],

@@ -1,0 +1,153 @@
+"""The odometry: stereo events in, a continuous trajectory out; the paper's figure of the pipeline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from factors import StereoCamera
+from gpvo.calibration import StereoRig
+from gpvo.clustering import StereoCluster, cluster_events
+from gpvo.config import Configuration
+from gpvo.errors import InputError
+from gpvo.fixed_lag import FixedLagSmoother
+from gpvo.mc_ransac import VelocityFit, mc_ransac
+from gpvo.recordings.base import Recording
+from gpvo.sliding_window import SlidingWindow
+from gpvo.tracking import MultiResolutionTracker
+from gpvo.tracklets import Measurements, Tracklets
+from gpvo.trajectory import Trajectory
+
+
+class Estimator(Protocol):
+    """Turns inlier measurements into states of a continuous trajectory."""
+
+    def update(
+        self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
+    ) -> None:
+        """Take what cluster number `frame`, which ended at `stop` seconds, added."""
+        ...
+
+    def trajectory(self, start_ns: int) -> Trajectory | None:
+        """The trajectory so far; None before the first measurement."""
+        ...
+
+
+@dataclass(frozen=True)
+class ClusterReport:
+    """What became of one cluster.
+
+    Attributes
+    ----------
+    start, stop
+        Seconds since the recording's start.
+    events
+        Events of both cameras.
+    observations
+        Stereo observations that the tracker added.
+    tracklets
+        Tracklets that reach into the cluster and pass the filters.
+    inliers
+        Those that MC-RANSAC's velocity explains.
+    measurements
+        Measurements given to the estimator.
+    """
+
+    start: float
+    stop: float
+    events: int
+    observations: int
+    tracklets: int
+    inliers: int
+    measurements: int
+
+
+class Odometry:
+    """Estimates the motion of a stereo event camera.
+
+    >>> odometry = Odometry(recording.rig)
+    >>> trajectory = odometry.run(recording)
+    """
+
+    def __init__(self, rig: StereoRig, configuration: Configuration | None = None) -> None:
+        self.configuration = configuration or Configuration()
+        self.reports: list[ClusterReport] = []
+        self._rig = rig
+        self._camera = StereoCamera(
+            rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
+        )
+        self._tracker = MultiResolutionTracker(self.configuration.tracking)
+        self._tracklets = Tracklets(self.configuration.tracklets)
+        self._rng = np.random.default_rng(self.configuration.seed)
+        self._estimator = self._make_estimator()
+
+    def run(
+        self,
+        recording: Recording,
+        start: float = 0.0,
+        duration: float = np.inf,
+        progress: Callable[[ClusterReport], None] | None = None,
+    ) -> Trajectory:
+        """Process a recording from `start` for `duration` seconds.
+
+        `progress` is called after every cluster.
+
+        Raises
+        ------
+        InputError
+            If the events are faulty, or no landmark could be tracked in any cluster.
+        """
+        slabs = recording.slabs(start, start + duration)
+        for cluster in cluster_events(slabs, self._rig, self.configuration.clustering):
+            report = self.process(cluster)
+            if progress is not None:
+                progress(report)
+        trajectory = self.trajectory(recording.start_ns)
+        if trajectory is None:
+            raise InputError(
+                f"{recording.path}: no landmark could be tracked in {len(self.reports)} clusters of"
+                " events; is the calibration that of this recording, are left and right swapped?"
+            )
+        return trajectory
+
+    def process(self, cluster: StereoCluster) -> ClusterReport:
+        """Estimate the motion during one more cluster, the next in time."""
+        observations = self._tracker.track(cluster)
+        self._tracklets.add(cluster, observations)
+        segments, landmarks = self._tracklets.segments(self.configuration.mc_ransac.span)
+        fit = mc_ransac(
+            segments,
+            self._camera,
+            np.diag(self.configuration.noise.measurement_information),
+            self.configuration.mc_ransac,
+            self._rng,
+        )
+        inliers = landmarks[fit.inliers] if fit is not None else landmarks[:0]
+        self._tracklets.reject(np.setdiff1d(landmarks, inliers))
+        measurements = self._tracklets.take(inliers)
+        self._estimator.update(len(self.reports), cluster.stop, measurements, fit)
+        self.reports.append(
+            ClusterReport(
+                cluster.start,
+                cluster.stop,
+                cluster.left.event_count + cluster.right.event_count,
+                len(observations),
+                len(segments),
+                len(inliers),
+                len(measurements),
+            )
+        )
+        return self.reports[-1]
+
+    def trajectory(self, start_ns: int = 0) -> Trajectory | None:
+        """The trajectory so far; None before the first measurement."""
+        return self._estimator.trajectory(start_ns)
+
+    def _make_estimator(self) -> Estimator:
+        method = {"batch": SlidingWindow, "incremental": FixedLagSmoother}
+        return method[self.configuration.estimator.method](
+            self._camera, self.configuration.noise, self.configuration.estimator
+        )
