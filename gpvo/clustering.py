@@ -111,6 +111,6 @@ def _paint(
     height, width = surface.shape
     for i in range(len(t)):
         u, v = table[y[i], x[i]]
-        column, row = int(np.rint(u)), int(np.rint(v))
-        if 0 <= column < width and 0 <= row < height:
-            surface[row, column] = t[i]
+        column, row = np.rint(u), np.rint(v)
+        if 0 <= column < width and 0 <= row < height:  # as floats: some tables hold NaN
+            surface[int(row), int(column)] = t[i]

@@ -109,6 +109,8 @@ def strongest_spaced(
 def _greedy_spacing(
     points: NDArray[np.int32], taken: int, spacing: int, count: int
 ) -> NDArray[np.int64]:
+    if len(points) == 0:
+        return np.empty(0, np.int64)
     reach = spacing - 1
     width, height = points[:, 0].max() + spacing + 1, points[:, 1].max() + spacing + 1
     occupied = np.zeros((height, width), np.bool_)
@@ -183,7 +185,7 @@ def describe(gradient: NDArray[np.uint8], points: NDArray[np.int32]) -> NDArray[
     """Descriptors (N, 32) of points (N, 2) from the gradients of their image."""
     columns = points[:, 0, None] + DESCRIPTOR_OFFSETS[:, 0]
     rows = points[:, 1, None] + DESCRIPTOR_OFFSETS[:, 1]
-    return gradient[rows, columns].reshape(len(points), -1)
+    return gradient[rows, columns].reshape(len(points), 2 * len(DESCRIPTOR_OFFSETS))
 
 
 def half_resolution(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

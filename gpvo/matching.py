@@ -95,8 +95,8 @@ def _search(
 
 
 @njit(cache=True)
-def _absolute_difference(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> int:
-    total = 0
+def _absolute_difference(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> np.int64:
+    total = np.int64(0)
     for i in range(len(a)):
         total += abs(np.int64(a[i]) - np.int64(b[i]))
     return total

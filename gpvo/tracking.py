@@ -34,7 +34,7 @@ class MultiResolutionTracker:
     """Trackers at several resolutions, run independently; positions are full-resolution pixels."""
 
     def __init__(self, config: TrackingConfig) -> None:
-        make = {"patch": PatchTracker, "descriptor": DescriptorTracker}[config.tracker]
+        make = PatchTracker if config.tracker == "patch" else DescriptorTracker
         self._resolutions = config.resolutions
         self._trackers: Sequence[Tracker] = [make(config) for _ in config.resolutions]
 

@@ -181,7 +181,7 @@ def _nearest_time(surface: NDArray[np.float64], u: float, v: float) -> float:
     height, width = surface.shape
     centre_column, centre_row = int(np.rint(u)), int(np.rint(v))
     best, nearest = np.nan, np.inf
-    for ring in range(max(height, width)):
+    for ring in range(max(height, width) + 1):
         if ring - 1 > nearest:
             break
         for row in range(centre_row - ring, centre_row + ring + 1):
