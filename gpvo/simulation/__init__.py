@@ -1,0 +1,1 @@
+"""Simulated stereo event recordings with exact ground truth: see `recording.simulate`."""

@@ -134,7 +134,7 @@ def _in_order(width: int, pixel: NDArray[np.int64], t: Array, on: NDArray[np.boo
     return Events(x.astype(np.uint16), y.astype(np.uint16), seconds, on[order])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _cross(
     before: NDArray[np.float32],
     now: NDArray[np.float32],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -139,19 +140,19 @@ def simulate(
     motion = Motion.random(config.motion, config.duration, motion_rng)
     sensor = config.sensor
     times = frame_times(scene, motion, sensor, config.duration, config.pixels_per_frame)
+    T_left_right = np.eye(4)
+    T_left_right[0, 3] = config.baseline
     poses = motion.pose(times)
-    streams = []
-    for side, rng in enumerate(sensor_rngs):
-        T_left_cam = np.eye(4)
-        T_left_cam[0, 3] = side * config.baseline
-        frames = simulate_events(scene, sensor, times, poses @ T_left_cam, rng)
-        steps = []
-        for number, step in enumerate(frames, start=1):
-            steps.append(step)
+    cameras = (poses, sensor_rngs[0]), (poses @ T_left_right, sensor_rngs[1])
+    sides = [simulate_events(scene, sensor, times, seen, rng) for seen, rng in cameras]
+    steps = []
+    with ThreadPoolExecutor(len(sides)) as pool:  # both cameras at once, frame by frame
+        for number in range(1, len(times)):
+            steps.append(tuple(pool.map(next, sides)))
             if progress is not None:
-                progress((side + number / (len(times) - 1)) / 2)
-        streams.append(Events.concatenate(steps))
-    return _recording(config, scene, motion, *streams)
+                progress(number / (len(times) - 1))
+    left, right = (Events.concatenate(stream) for stream in zip(*steps, strict=True))
+    return _recording(config, scene, motion, left, right)
 
 
 def _recording(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numba import njit
@@ -17,6 +18,9 @@ _WALLS = 6
 _MASK = TEXELS - 1
 _CENTRE = TEXELS / 2
 """Texel at the world's origin: shapes are cut at a texture's border, far off in small rooms."""
+
+_VERTICES = np.array(list(product((0, 1), repeat=3)))
+"""(8, 3) for each vertex of a box, whether it has the lowest or highest x, y and z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +83,7 @@ def _image_bounds(corners: Array, R_world_cam: Array) -> Array:
 
     Boxes behind the camera get empty bounds, those partly behind it unlimited ones.
     """
-    x, y, z = np.meshgrid([0, 1], [0, 1], [0, 1])
-    vertices = np.stack([corners[:, x, 0], corners[:, y, 1], corners[:, z, 2]], axis=-1)
-    points = vertices.reshape(len(corners), 8, 3) @ R_world_cam
+    points = corners[:, _VERTICES, np.arange(3)] @ R_world_cam
     in_front = points[:, :, 2] > 0.0
     bounds = np.empty((len(corners), 2, 2))
     bounds[:] = np.array([[-np.inf], [np.inf]])
@@ -103,7 +105,7 @@ def pixel_grid(columns: Array, rows: Array) -> Array:
     return np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _look(
     rays: Array,
     pixel_angle: float,
@@ -180,8 +182,9 @@ def _bilinear(
     textures: NDArray[np.float32], index: int, level: int, column: float, row: float
 ) -> float:
     left, top = int(np.floor(column)), int(np.floor(row))
-    u, v = column - left, row - top
+    u, v = np.float32(column - left), np.float32(row - top)
     c0, c1, r0, r1 = (left & _MASK, (left + 1) & _MASK, top & _MASK, (top + 1) & _MASK)
-    upper = (1.0 - u) * textures[index, level, r0, c0] + u * textures[index, level, r0, c1]
-    lower = (1.0 - u) * textures[index, level, r1, c0] + u * textures[index, level, r1, c1]
-    return (1.0 - v) * upper + v * lower
+    upper_left, lower_left = textures[index, level, r0, c0], textures[index, level, r1, c0]
+    upper = upper_left + u * (textures[index, level, r0, c1] - upper_left)
+    lower = lower_left + u * (textures[index, level, r1, c1] - lower_left)
+    return upper + v * (lower - upper)
