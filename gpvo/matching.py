@@ -142,7 +142,7 @@ def _are_supported(
     config: DescriptorTrackerConfig,
 ) -> NDArray[np.bool_]:
     images = (current.left, current.right, previous.right, previous.left)
-    left, right, previous_right, previous_left = (
+    left, _, previous_right, previous_left = (
         image.features.points[index] for image, index in zip(images, quads.T, strict=True)
     )
     return delaunay_support(

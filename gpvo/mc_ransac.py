@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.lie import se3_left_jacobian
+from factors.lie import se3_exp, se3_left_jacobian
 from factors.stereo import StereoCamera
 from gpvo.config import McRansacConfig
 from gpvo.constant_velocity import best_sample_velocity, moved_points
@@ -52,7 +52,7 @@ class VelocityFit:
     velocity
         (6,) body twist, rotation first, rad/s and m/s.
     covariance
-        (6, 6) of the velocity, for the measurement noise that the fit was given.
+        (6, 6) of the velocity, if both measurements of a segment have the given noise.
     inliers
         (N,) bool, which segments the velocity explains.
     """
@@ -121,12 +121,12 @@ def iterative_mc_ransac(
     config: McRansacConfig,
 ) -> VelocityFit | None:
     """Refine a velocity by Gauss-Newton on its inliers and segment anew, section III-B.2."""
-    normal = np.eye(6)
+    chosen = segments[inliers]
     for _ in range(config.refinement_iterations):
-        error, jacobian = reprojection_error(segments[inliers], camera, velocity)
+        error, jacobian = reprojection_error(chosen, camera, velocity)
         weighted = np.einsum("nij,ik->njk", jacobian, information)
         normal = np.einsum("nij,njk->ik", weighted, jacobian)
-        if np.linalg.cond(normal) > config.max_condition:
+        if not np.isfinite(normal).all() or np.linalg.cond(normal) > config.max_condition:
             return None
         step = np.linalg.solve(normal, np.einsum("nij,nj->i", weighted, error))
         velocity = velocity - step
@@ -134,7 +134,7 @@ def iterative_mc_ransac(
             break
     return VelocityFit(
         velocity,
-        np.linalg.inv(normal),
+        velocity_covariance(chosen, camera, information, velocity),
         are_inliers(segments, camera, velocity, config),
     )
 
@@ -152,6 +152,32 @@ def reprojection_error(
     by_twist = np.concatenate([-skew(points), np.broadcast_to(np.eye(3), (len(points), 3, 3))], 2)
     by_velocity = -segments.dt[:, None, None] * (by_twist @ se3_left_jacobian(step))
     return predicted - segments.later, by_point @ by_velocity
+
+
+def velocity_covariance(
+    segments: Segments, camera: StereoCamera, information: Array, velocity: Array
+) -> Array:
+    """Covariance (6, 6) of the velocity that minimizes the reprojection errors of segments.
+
+    The cost weights errors by R^-1, but they have the noise of both measurements: R for the later
+    one, and R through the prediction for the earlier one.
+    """
+    _, by_velocity = reprojection_error(segments, camera, velocity)
+    by_earlier = _prediction_by_earlier(segments, camera, velocity)
+    R = np.linalg.inv(information)
+    noise = R + by_earlier @ R @ by_earlier.transpose(0, 2, 1)
+    weighted = np.einsum("nij,ik->njk", by_velocity, information)
+    gain = np.linalg.solve(np.einsum("nij,njk->ik", weighted, by_velocity), weighted)
+    return np.einsum("nij,njk,nlk->il", gain, noise, gain)
+
+
+def _prediction_by_earlier(segments: Segments, camera: StereoCamera, velocity: Array) -> Array:
+    """(N, 3, 3) derivative of the predicted later measurement by the earlier one."""
+    points = camera.triangulate(segments.earlier)
+    rotation = se3_exp(-segments.dt[:, None] * velocity)[:, :3, :3]
+    _, by_moved = camera.project_with_jacobian(moved_points(points, segments.dt, velocity))
+    _, by_point = camera.project_with_jacobian(points)
+    return by_moved @ rotation @ np.linalg.inv(by_point)
 
 
 def skew(points: Array) -> Array:
