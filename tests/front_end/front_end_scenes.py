@@ -1,0 +1,119 @@
+"""Textures that are defined between pixels, and cameras that look at one on a plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from factors.lie import se3_exp
+from factors.stereo import StereoCamera
+from gpvo.clustering import EventImage, StereoCluster
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+HEIGHT, WIDTH = 180, 240
+CAMERA = StereoCamera(200.0, 200.0, 120.0, 90.0, 0.1)
+
+
+class Texture:
+    """A random smooth function of the plane, about 0, made of waves of 12 to 40 units."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        angle, length = rng.uniform(0, 2 * np.pi, 40), rng.uniform(12, 40, 40)
+        self._waves = 2 * np.pi / length * np.stack([np.cos(angle), np.sin(angle)])
+        self._phase = rng.uniform(0, 2 * np.pi, 40)
+
+    def __call__(self, x: Array, y: Array) -> Array:
+        angle = np.multiply.outer(x, self._waves[0]) + np.multiply.outer(y, self._waves[1])
+        return np.sin(angle + self._phase).sum(axis=-1) / np.sqrt(20)
+
+    def grey(self, dx: float = 0.0, dy: float = 0.0) -> Image:
+        """Smooth image of the texture moved by (dx, dy) pixels: bright where it is near zero."""
+        v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
+        values = self(u - dx, v - dy)
+        return np.rint(255 * np.exp(-((values / 0.4) ** 2))).astype(np.uint8)
+
+    def binary(self, dx: float = 0.0, dy: float = 0.0) -> Image:
+        """Image of the texture moved by (dx, dy) pixels: 255 where it is near zero."""
+        v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
+        return contours(self(u - dx, v - dy))
+
+
+def contours(values: Array) -> Image:
+    return np.where(np.abs(values) < 0.25, 255, 0).astype(np.uint8)
+
+
+def random_binary(seed: int, size: int = 400) -> Image:
+    """(size, size) image of random white spots, a few pixels wide."""
+    noise = np.random.default_rng(seed).normal(size=(size, size))
+    return np.where(gaussian_filter(noise, 2.0) > 0.14, 255, 0).astype(np.uint8)
+
+
+def random_grey(seed: int, size: int = 400) -> Image:
+    """(size, size) image of smooth noise, which looks different everywhere."""
+    noise = np.random.default_rng(seed).normal(size=(size, size))
+    return np.clip(128 + 400 * gaussian_filter(noise, 2.0), 0, 255).astype(np.uint8)
+
+
+def window(image: Image, dx: int, dy: int) -> Image:
+    """Part of a large image, whose content appears moved by (dx, dy)."""
+    top, left = (image.shape[0] - HEIGHT) // 2, (image.shape[1] - WIDTH) // 2
+    return image[top - dy : top - dy + HEIGHT, left - dx : left - dx + WIDTH]
+
+
+@dataclass(frozen=True)
+class MovingPlane:
+    """A textured plane at Z = `depth` of the world, seen by a camera of constant body twist.
+
+    The texture's unit is the pixel at which the first camera sees it.
+    """
+
+    texture: Texture
+    twist: Array
+    depth: float = 2.0
+
+    def plane_points(self, frame: int, pixels: Array, offset: float = 0.0) -> Array:
+        """World points (N, 3) on the plane that pixels (N, 2) of a camera show.
+
+        `offset` is the camera's position to the right of the left camera, metres.
+        """
+        T_world_cam = se3_exp(frame * self.twist)
+        rays = np.column_stack(
+            [
+                (pixels[:, 0] - CAMERA.cx) / CAMERA.fx,
+                (pixels[:, 1] - CAMERA.cy) / CAMERA.fy,
+                np.ones(len(pixels)),
+            ]
+        )
+        rays = rays @ T_world_cam[:3, :3].T
+        centre = T_world_cam[:3, 3] + offset * T_world_cam[:3, 0]
+        return centre + rays * ((self.depth - centre[2]) / rays[:, 2])[:, None]
+
+    def project(self, frame: int, points: Array) -> Array:
+        """Measurements (N, 3) of world points in a frame."""
+        T_world_cam = se3_exp(frame * self.twist)
+        return CAMERA.project((points - T_world_cam[:3, 3]) @ T_world_cam[:3, :3])
+
+    def images(self, frame: int) -> tuple[Image, Image]:
+        """Left and right binary image of a frame."""
+        v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
+        pixels = np.column_stack([u.ravel(), v.ravel()])
+        scale = CAMERA.fx / self.depth
+        shown = []
+        for offset in (0.0, CAMERA.baseline):
+            points = self.plane_points(frame, pixels, offset) * scale
+            shown.append(contours(self.texture(points[:, 0], points[:, 1])).reshape(HEIGHT, WIDTH))
+        return shown[0], shown[1]
+
+
+def cluster_of(left: Image, right: Image, start: float = 0.0) -> StereoCluster:
+    """A cluster with events at `start` where the images are white."""
+    surfaces = [np.where(image > 0, start, -np.inf) for image in (left, right)]
+    return StereoCluster(
+        start, start + 0.1, *(EventImage(s, int(np.isfinite(s).sum())) for s in surfaces)
+    )

@@ -1,0 +1,148 @@
+"""Clusters are a partition of the stereo stream, and keep the latest time of each pixel."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from gpvo.calibration import Camera, StereoRig
+from gpvo.clustering import StereoCluster, cluster_events, event_image
+from gpvo.config import ClusteringConfig
+from gpvo.recordings.base import Events, StereoEvents
+
+HEIGHT, WIDTH = 12, 16
+LENS = Camera((WIDTH, HEIGHT), np.array([20.0, 20, 8, 6]), "none", np.zeros(4), np.eye(3))
+RIG = StereoRig(LENS, LENS, 20.0, (8.0, 6.0), 0.1)
+seeds = st.integers(0, 2**32)
+
+
+def random_events(rng: np.random.Generator, count: int, tick: float) -> Events:
+    """Events within a second, at multiples of a tick, so that some times are equal."""
+    t = np.sort(np.rint(rng.uniform(0, 1, count) / tick) * tick)
+    t = t[t < 1]
+    x, y = rng.integers(0, WIDTH, len(t)), rng.integers(0, HEIGHT, len(t))
+    return Events(x.astype(np.uint16), y.astype(np.uint16), t, rng.random(len(t)) < 0.5)
+
+
+def random_stream(seed: int) -> tuple[Events, Events]:
+    rng = np.random.default_rng(seed)
+    tick = rng.choice([1e-6, 1e-2])
+    left, right = (random_events(rng, rng.integers(0, 800), tick) for _ in range(2))
+    return left, right
+
+
+def slabs(left: Events, right: Events, cuts: list[float]) -> list[StereoEvents]:
+    edges = [0.0, *sorted(cuts), 1.0]
+    return [
+        StereoEvents(a, b, left.between(a, b), right.between(a, b)) for a, b in pairwise(edges)
+    ]
+
+
+def clusters(
+    left: Events, right: Events, cuts: list[float], config: ClusteringConfig
+) -> list[StereoCluster]:
+    return list(cluster_events(slabs(left, right, cuts), RIG, config))
+
+
+configs = st.builds(
+    ClusteringConfig,
+    window=st.sampled_from([0.02, 0.1, 0.3]),
+    max_events=st.sampled_from([1, 7, 40, 10_000]),
+)
+cut_lists = st.lists(st.floats(0, 1), max_size=30)
+
+
+@given(seeds, cut_lists, configs)
+@settings(deadline=None, max_examples=60)
+def test_clusters_partition_the_stream(
+    seed: int, cuts: list[float], config: ClusteringConfig
+) -> None:
+    left, right = random_stream(seed)
+    found = clusters(left, right, cuts, config)
+    assert found and found[0].start == 0.0
+    assert all(a.stop == b.start and a.start < a.stop for a, b in pairwise(found))
+    for cluster in found:
+        for image, events in ((cluster.left, left), (cluster.right, right)):
+            inside = (events.t >= cluster.start) & (events.t < cluster.stop)
+            assert image.event_count == inside.sum()
+            times = image.surface_of_active_events[np.isfinite(image.surface_of_active_events)]
+            assert ((times >= cluster.start) & (times < cluster.stop)).all()
+
+
+@given(seeds, cut_lists, configs)
+@settings(deadline=None, max_examples=60)
+def test_a_cluster_ends_by_time_or_by_the_count_of_either_camera(
+    seed: int, cuts: list[float], config: ClusteringConfig
+) -> None:
+    left, right = random_stream(seed)
+    for cluster in clusters(left, right, cuts, config):
+        filled = []
+        for events in (left, right):
+            t = events.t[events.t >= cluster.start]
+            if len(t) >= config.max_events:
+                filled.append(t[config.max_events - 1])
+        by_time = cluster.start + config.window
+        first = min(filled, default=np.inf)
+        assert cluster.stop == (np.nextafter(first, 2) if first < by_time else by_time)
+
+
+@given(seeds, cut_lists, configs)
+@settings(deadline=None, max_examples=40)
+def test_clusters_do_not_depend_on_the_slabs(
+    seed: int, cuts: list[float], config: ClusteringConfig
+) -> None:
+    left, right = random_stream(seed)
+    for a, b in zip(
+        clusters(left, right, [], config), clusters(left, right, cuts, config), strict=True
+    ):
+        assert (a.start, a.stop) == (b.start, b.stop)
+        for x, y in ((a.left, b.left), (a.right, b.right)):
+            np.testing.assert_array_equal(x.surface_of_active_events, y.surface_of_active_events)
+            assert x.event_count == y.event_count
+
+
+def test_an_unfilled_last_window_is_dropped() -> None:
+    left, right = random_stream(0)
+    found = clusters(left, right, [], ClusteringConfig(window=0.3, max_events=10_000))
+    assert [round(c.stop, 9) for c in found] == [0.3, 0.6, 0.9]
+
+
+def random_table(rng: np.random.Generator) -> NDArray[np.float32]:
+    """Rectification that moves events by up to three pixels, and loses a few altogether."""
+    table = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).astype(np.float32)
+    table += rng.uniform(-3, 3, table.shape).astype(np.float32)
+    table[rng.random((HEIGHT, WIDTH)) < 0.05] = np.nan
+    table[rng.random((HEIGHT, WIDTH)) < 0.05] = 1e30
+    return table
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=40)
+def test_surface_holds_the_latest_time_of_each_rectified_pixel(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    events, table = random_events(rng, 300, 1e-6), random_table(rng)
+    column, row = np.rint(table[events.y, events.x]).T
+    inside = (column >= 0) & (column < WIDTH) & (row >= 0) & (row < HEIGHT)
+    expected = np.full((HEIGHT, WIDTH), -np.inf)
+    pixel = row[inside].astype(int), column[inside].astype(int)
+    np.maximum.at(expected, pixel, events.t[inside])
+
+    image = event_image(events, table, (WIDTH, HEIGHT))
+    np.testing.assert_array_equal(image.surface_of_active_events, expected)
+    assert image.event_count == len(events)
+    white = np.zeros((HEIGHT, WIDTH), np.uint8)
+    white[pixel] = 255
+    np.testing.assert_array_equal(image.binary_frame, white)
+    assert image.binary_frame.dtype == np.uint8
+
+
+def test_polarity_is_ignored() -> None:
+    rng = np.random.default_rng(0)
+    events, table = random_events(rng, 300, 1e-6), random_table(rng)
+    opposite = Events(events.x, events.y, events.t, ~events.polarity)
+    a, b = (event_image(e, table, (WIDTH, HEIGHT)) for e in (events, opposite))
+    np.testing.assert_array_equal(a.surface_of_active_events, b.surface_of_active_events)
