@@ -24,7 +24,8 @@ class Camera:
     intrinsics
         (4,) fx, fy, cx, cy of the raw image, pixels.
     distortion_model, distortion
-        "equidistant" (4 coefficients, OpenCV's fisheye), "radtan" (4 or 5, OpenCV's order) or "none".
+        "equidistant" (OpenCV's fisheye, 4 coefficients), "radtan" (4 or 5, in OpenCV's order) or
+        "none".
     R_rect
         (3, 3) rotation that takes a point of the raw camera frame to the rectified one.
     """

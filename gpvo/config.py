@@ -166,7 +166,7 @@ class NoiseConfig(StageConfig):
     )
     measurement_information: Vector3 = Field(
         (0.5, 0.5, 0.1),
-        description="Diagonal of R^-1, the inverse covariance of (u_left, v, disparity), 1/pixel^2.",
+        description="Diagonal of R^-1, the inverse covariance of (u_left, v, disparity), pixel^-2.",
     )
     initial_velocity: float = Field(
         1.0, gt=0, description="Standard deviation of the first velocity, rad/s and m/s."

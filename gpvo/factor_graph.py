@@ -115,7 +115,7 @@ def landmark_points(
 
 
 def seen_twice(measurements: Measurements) -> Measurements:
-    """The measurements of landmarks that have at least two; one alone says nothing of the motion."""
+    """The measurements of landmarks that have at least two; one alone tells no motion."""
     landmarks, count = np.unique(measurements.landmark, return_counts=True)
     return measurements[np.isin(measurements.landmark, landmarks[count >= 2])]
 

@@ -1,8 +1,9 @@
-"""The same factors in GTSAM's incremental fixed-lag smoother: states that leave are marginalized."""
+"""The same factors in GTSAM's incremental fixed-lag smoother: what is old is marginalized."""
 
 from __future__ import annotations
 
 from collections import deque
+from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -117,9 +118,7 @@ class FixedLagSmoother:
             if not self._active.exists(L(landmark)):
                 values.insert(L(landmark), point)
 
-    def _add(
-        self, graph: gtsam.NonlinearFactorGraph, factors: list[gtsam.NonlinearFactor]
-    ) -> None:
+    def _add(self, graph: gtsam.NonlinearFactorGraph, factors: list[gtsam.NonlinearFactor]) -> None:
         """Add factors; Python keeps them too, which makes their callbacks faster."""
         self._factors.append(factors)
         for factor in factors:
@@ -159,5 +158,5 @@ class FixedLagSmoother:
         times = times[: leaving + 1]
         numbers = np.searchsorted(t, times).tolist()
         solved = self._smoother.getISAM2()
-        joint = [joint_covariance(solved, i, j) for i, j in zip(numbers, numbers[1:], strict=False)]
+        joint = [joint_covariance(solved, i, j) for i, j in pairwise(numbers)]
         return self._knots.and_next(times, np.array(joint))

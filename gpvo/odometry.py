@@ -1,8 +1,8 @@
-"""The odometry: stereo events in, a continuous trajectory out; the paper's figure of the pipeline."""
+"""The odometry, as the paper's figure: stereo events in, a continuous trajectory out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -72,7 +72,7 @@ def _parabola_minimum(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Minimum of the least-squares paraboloid through the 3 x 3 costs around the lowest one."""
     side = costs.shape[1]
-    lowest = costs.reshape(len(costs), -1).argmin(axis=1)
+    lowest = costs.reshape(len(costs), side * side).argmin(axis=1)
     row, column = np.divmod(lowest, side)
     inside = (row > 0) & (row < side - 1) & (column > 0) & (column < side - 1)
     inside &= np.isfinite(costs[:, 0, 0])

@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 class SlidingWindow:
     """Estimates the states of the latest clusters from their measurements.
 
-    The window starts at the last state before its first measurement; that state's pose is fixed, and
-    it and all earlier ones are final.
+    The window starts at the last state before its first measurement; that state's pose is fixed,
+    and it and all earlier ones are final.
     """
 
     def __init__(self, camera: StereoCamera, noise: NoiseConfig, config: EstimatorConfig) -> None:

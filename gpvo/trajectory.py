@@ -178,7 +178,7 @@ class Trajectory:
         outside = (times < self.start) | (times > self.stop)
         if outside.any() and not extrapolation:
             raise InputError(
-                f"t = {times[outside].flat[0]:.6f} s lies outside the trajectory, {self.start:.6f} to"
-                f" {self.stop:.6f} s; ask for it with extrapolation=True"
+                f"t = {times[outside].flat[0]:.6f} s lies outside the trajectory,"
+                f" {self.start:.6f} to {self.stop:.6f} s; ask for it with extrapolation=True"
             )
         return times

@@ -88,8 +88,8 @@ def gauss_newton(
 ) -> gtsam.Values:
     """Minimize by Gauss-Newton until the cost changes by less than `relative_decrease`.
 
-    The loop is ours because GTSAM's optimizers copy all values for each Python factor, and QR because
-    their Cholesky rejects well-posed chains of states microseconds apart.
+    The loop is ours because GTSAM's optimizers copy all values for each Python factor; it is QR
+    because their Cholesky rejects well-posed chains of states microseconds apart.
     """
     cost = graph.error(values)
     for _ in range(config.iterations):

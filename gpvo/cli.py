@@ -1,0 +1,148 @@
+"""The command line: `gpvo run`, `gpvo demo`, `gpvo eval`, `gpvo config`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+
+from gpvo.config import Configuration
+from gpvo.configuration_file import configuration_text, load_configuration
+from gpvo.errors import InputError
+from gpvo.poses import StampedPoses
+from gpvo.recordings import Recording, open_recording
+from gpvo.recordings.kalibr import read_kalibr
+
+BAD_INPUT = 2
+"""Exit status."""
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Continuous-time visual odometry for stereo event cameras.",
+)
+console = Console()
+
+Output = Annotated[Path | None, typer.Option(help="Folder for the results.")]
+Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all random choices.")]
+Calibration = Annotated[Path | None, typer.Option(help="kalibr camchain (YAML).")]
+GroundTruth = Annotated[Path | None, typer.Option(help="True poses: MVSEC HDF5, TUM, KITTI, bag.")]
+
+
+def main() -> None:
+    """Entry point; bad input is one line on stderr and exit status 2."""
+    try:
+        app()
+    except InputError as error:
+        print(f"gpvo: {error}", file=sys.stderr)
+        sys.exit(BAD_INPUT)
+
+
+@app.command()
+def run(
+    recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
+    calibration: Calibration = None,
+    ground_truth: GroundTruth = None,
+    output: Output = None,
+    config: Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")] = None,
+    start: Annotated[float, typer.Option(min=0, help="Seconds to skip.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(min=0, help="Seconds to process.")] = None,
+    seed: Seed = None,
+) -> None:
+    """Estimate the motion of a recording; write trajectory, metrics and plots."""
+    configuration = load_configuration(config) if config else Configuration()
+    opened = open_recording(recording, calibration)
+    truth = load_ground_truth(ground_truth, opened) if ground_truth else None
+    span = (start, np.inf if duration is None else duration)
+    folder = output or Path("results") / recording.stem
+    run_and_write(opened, seeded(configuration, seed), folder, truth, *span)
+
+
+@app.command()
+def demo(output: Output = None, seed: Seed = None) -> None:
+    """Simulate a few seconds of stereo events and estimate the motion."""
+    from gpvo.simulation.recording import SimulationConfig, simulate
+
+    simulation = SimulationConfig(seed=0 if seed is None else seed)
+    with console.status("simulating stereo events of a textured room"):
+        recording = simulate(simulation)
+    folder = output or Path("results") / "demo"
+    run_and_write(recording, seeded(Configuration(), seed), folder, recording.ground_truth)
+
+
+@app.command(name="eval")
+def evaluate(
+    estimate: Annotated[Path, typer.Argument(help="Result folder or file of poses.")],
+    ground_truth: GroundTruth = None,
+    against: Annotated[list[str] | None, typer.Option(help="Competitor as NAME=FILE.")] = None,
+    output: Output = None,
+    calibration: Calibration = None,
+) -> None:
+    """Compare estimates with the ground truth: tables, plots, report."""
+    from gpvo.evaluation.command import evaluate_command
+
+    rig = read_kalibr(calibration) if calibration else None
+    evaluate_command(estimate, ground_truth, against or (), output, rig=rig, console=console)
+
+
+@app.command(name="config")
+def print_configuration() -> None:
+    """Print the default configuration with a description of every field."""
+    print(configuration_text(Configuration(), described=True), end="")
+
+
+def seeded(configuration: Configuration, seed: int | None) -> Configuration:
+    """The configuration with another seed, if one is given."""
+    return configuration if seed is None else configuration.model_copy(update={"seed": seed})
+
+
+def load_ground_truth(path: Path, recording: Recording) -> StampedPoses:
+    """Poses of the ground truth, checked to share time with the recording."""
+    from gpvo.evaluation.loading import load_poses
+
+    poses = load_poses(path, recording.rig)
+    end_ns = recording.stamp_ns(recording.duration)
+    if poses.stamps_ns[-1] <= recording.start_ns or poses.stamps_ns[0] >= end_ns:
+        raise InputError(
+            f"{path}: its stamps, from {poses.stamps_ns[0] * 1e-9:.3f} s, have no time in common"
+            f" with {recording.path}, from {recording.start_ns * 1e-9:.3f} s"
+        )
+    return poses
+
+
+def run_and_write(
+    recording: Recording,
+    configuration: Configuration,
+    folder: Path,
+    truth: StampedPoses | None,
+    start: float = 0.0,
+    duration: float = np.inf,
+) -> None:
+    """Run the odometry with a progress bar, print the tables, write the results."""
+    from gpvo.odometry import Odometry
+    from gpvo.progress import RunProgress
+    from gpvo.results import Result, evaluate_trajectory, prepare_folder
+
+    if start >= recording.duration:
+        raise InputError(
+            f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"
+        )
+    folder = prepare_folder(folder)
+    odometry = Odometry(recording.rig, configuration)
+    began = time.perf_counter()
+    with RunProgress(console, start, min(start + duration, recording.duration)) as progress:
+        trajectory = odometry.run(recording, start, duration, progress.advance)
+    spent = time.perf_counter() - began
+    evaluation = evaluate_trajectory(trajectory, truth) if truth else None
+    result = Result(trajectory, odometry.reports, configuration, evaluation, truth)
+    result.write(folder)
+    console.print(result.table(spent))
+    if evaluation is not None:
+        console.print(evaluation)
+    console.print(f"results: {folder}")

@@ -1,0 +1,56 @@
+"""The configuration as a YAML file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+from pydantic import ValidationError
+
+from gpvo.config import Configuration, StageConfig
+from gpvo.errors import InputError
+
+
+def load_configuration(path: Path | str) -> Configuration:
+    """Read a YAML file that holds any part of what `gpvo config` prints.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or naming the field that is unknown or has a bad value.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: is not a readable YAML file ({reason})") from error
+    try:
+        return Configuration.model_validate({} if content is None else content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(map(str, first["loc"])) or "the file"
+        raise InputError(
+            f"{path}: {field}: {first['msg']}; `gpvo config` prints all fields and their defaults"
+        ) from error
+
+
+def configuration_text(configuration: Configuration, described: bool = False) -> str:
+    """The configuration as YAML, with a comment above each field if `described`."""
+    return "".join(f"{line}\n" for line in _lines(configuration, described, ""))
+
+
+def _lines(stage: StageConfig, described: bool, indent: str) -> list[str]:
+    lines = []
+    for name, field in type(stage).model_fields.items():
+        value = getattr(stage, name)
+        if isinstance(value, StageConfig):
+            comment = [f"{indent}# {(value.__doc__ or '').splitlines()[0]}"] if described else []
+            inner = _lines(value, described, indent + "  ")
+            lines += [*comment, f"{indent}{name}:", *inner]
+            continue
+        if described and field.description:
+            lines.append(f"{indent}# {field.description}")
+        plain = list(value) if isinstance(value, tuple) else value
+        text = yaml.safe_dump(plain, default_flow_style=True, width=200)
+        lines.append(f"{indent}{name}: {text.splitlines()[0]}")
+    return lines

@@ -1,0 +1,138 @@
+"""What a run leaves: the trajectory, its configuration, metrics and plots in one folder."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from gpvo.config import Configuration
+from gpvo.configuration_file import configuration_text
+from gpvo.errors import InputError
+from gpvo.evaluation import Evaluation, evaluate
+from gpvo.evaluation.association import common_part
+from gpvo.evaluation.evaluate import common_stamps
+from gpvo.evaluation.plots import error_figure, path_figure, save_figure, series_figure
+from gpvo.odometry import ClusterReport
+from gpvo.poses import StampedPoses
+from gpvo.trajectory import Trajectory
+from gpvo.tum import write_tum
+
+FILES = (
+    "trajectory.tum",
+    "trajectory.npz",
+    "ground_truth.tum",
+    "metrics.json",
+    "config.yaml",
+    "path.png",
+    "error.png",
+    "tracklets.png",
+)
+STEP = 0.01
+"""Seconds between the poses that are compared with the ground truth."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A finished run, and its errors if there was a ground truth."""
+
+    trajectory: Trajectory
+    reports: list[ClusterReport]
+    configuration: Configuration
+    evaluation: Evaluation | None = None
+    ground_truth: StampedPoses | None = None
+
+    def write(self, folder: Path | str) -> None:
+        """Write all files of the result, the trajectory last."""
+        folder = prepare_folder(folder)
+        (folder / "config.yaml").write_text(configuration_text(self.configuration))
+        (folder / "metrics.json").write_text(json.dumps(self.metrics(), indent=2) + "\n")
+        if self.ground_truth is not None:
+            write_tum(folder / "ground_truth.tum", self.ground_truth)
+        self._write_plots(folder)
+        self.trajectory.save(folder / "trajectory.npz")
+        self.trajectory.export_tum(folder / "trajectory.tum")
+
+    def metrics(self) -> dict[str, Any]:
+        """Numbers of the run by name; those of time spent are not among them."""
+        run = {
+            "start_s": self.trajectory.start,
+            "stop_s": self.trajectory.stop,
+            "states": len(self.trajectory),
+            "clusters": len(self.reports),
+            "clusters_without_inliers": sum(report.inliers == 0 for report in self.reports),
+            "events": sum(report.events for report in self.reports),
+            "measurements": sum(report.measurements for report in self.reports),
+            "median_tracklets": float(np.median([report.tracklets for report in self.reports])),
+            "median_inliers": float(np.median([report.inliers for report in self.reports])),
+        }
+        errors = None if self.evaluation is None else self.evaluation.to_dict()
+        return {"run": run, "errors": errors}
+
+    def table(self, seconds_spent: float) -> Table:
+        """Summary of the run."""
+        run = self.metrics()["run"]
+        duration = self.reports[-1].stop - self.reports[0].start
+        rows = {
+            "recording": f"{duration:.2f} s, {run['events'] / 1e6:.2f} M events",
+            "clusters": f"{run['clusters']}, {run['clusters_without_inliers']} without inliers",
+            "inlier tracklets per cluster": f"{run['median_inliers']:.0f} (median)",
+            "states": f"{run['states']} from {run['start_s']:.3f} to {run['stop_s']:.3f} s",
+            "spent": f"{seconds_spent:.1f} s, {duration / seconds_spent:.2f} x real time",
+        }
+        table = Table(show_header=False)
+        for name, value in rows.items():
+            table.add_row(name, value)
+        return table
+
+    def _write_plots(self, folder: Path) -> None:
+        middle = [0.5 * (report.start + report.stop) for report in self.reports]
+        counts = {
+            "tracklets": [report.tracklets for report in self.reports],
+            "inliers": [report.inliers for report in self.reports],
+        }
+        figure = series_figure(middle, counts, "tracklets per cluster", whole_numbers=True)
+        save_figure(figure, folder / "tracklets.png")
+        if self.evaluation is None:
+            path = path_figure({"gpvo": self.trajectory.stamped_poses()}, None)
+        else:
+            path = path_figure({"gpvo": self.evaluation.estimate}, self.evaluation.ground_truth)
+            save_figure(error_figure([self.evaluation]), folder / "error.png")
+        save_figure(path, folder / "path.png")
+
+
+def prepare_folder(folder: Path | str) -> Path:
+    """Make the folder, and remove an earlier result so that it cannot be taken for this one.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or is a file.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in FILES:
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from error
+    return folder
+
+
+def evaluate_trajectory(trajectory: Trajectory, ground_truth: StampedPoses) -> Evaluation:
+    """The paper's errors every `STEP` seconds, the trajectory asked at exactly those times.
+
+    Raises
+    ------
+    InputError
+        If the two have no time in common.
+    """
+    ends = trajectory.stamped_poses(np.array([trajectory.start, trajectory.stop]))
+    stamps_ns = common_part(common_stamps(ends, ground_truth, STEP), ends, ground_truth)
+    seconds = np.clip((stamps_ns - trajectory.start_ns) * 1e-9, trajectory.start, trajectory.stop)
+    poses = StampedPoses(stamps_ns, trajectory.pose(seconds))
+    return evaluate(poses, ground_truth, stamps_ns=stamps_ns)
