@@ -51,7 +51,8 @@ class DescriptorTracker:
         self._config = config.descriptor
         self._frames: deque[_Frame] = deque(maxlen=config.earlier_frames)
         self._frame_count = 0
-        self._references: list[NDArray[np.uint8]] = []  # each landmark's first left patch
+        self._landmark_count = 0
+        self._references: dict[int, NDArray[np.uint8]] = {}  # each landmark's first left patch
 
     def track(self, left: Image, right: Image) -> Observations:
         """Match a new stereo frame with the earlier ones, the latest first."""
@@ -60,7 +61,9 @@ class DescriptorTracker:
         for earlier in reversed(self._frames):
             sightings += self._link(frame, earlier)
         self._frames.append(frame)
-        return self._refined(sightings)
+        observations = self._refined(sightings)
+        self._forget()
+        return observations
 
     def _new_frame(self, left: Image, right: Image) -> _Frame:
         height = left.shape[0]
@@ -93,8 +96,14 @@ class DescriptorTracker:
 
     def _new_landmark(self, frame: _Frame, left: int) -> int:
         point = frame.features.left.features.points[left : left + 1]
-        self._references.append(patches(frame.left_gradient, point)[0])
-        return len(self._references) - 1
+        landmark, self._landmark_count = self._landmark_count, self._landmark_count + 1
+        self._references[landmark] = patches(frame.left_gradient, point)[0]
+        return landmark
+
+    def _forget(self) -> None:
+        """Drop the patches of landmarks that are in no frame any more."""
+        known = np.unique(np.concatenate([frame.landmark for frame in self._frames])).tolist()
+        self._references = {k: self._references[k] for k in known if k != NO_LANDMARK}
 
     @staticmethod
     def _sight(landmark: int, frame: _Frame, left: int, right: int) -> _Sighting:

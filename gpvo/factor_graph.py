@@ -63,7 +63,7 @@ class FactorMaker:
         """
         model = gtsam.noiseModel.Gaussian.Information(np.diag(self.noise.measurement_information))
         before = np.clip(np.searchsorted(t, measurements.t + SAME_TIME, "right") - 1, 0, None)
-        factors = []
+        factors: list[gtsam.NonlinearFactor] = []
         for k, time, landmark, stereo in zip(
             before.tolist(),
             measurements.t.tolist(),

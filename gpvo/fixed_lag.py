@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import gtsam
@@ -24,6 +26,26 @@ from gpvo.window import FIXED, joint_covariance, qr_parameters
 Array = NDArray[np.float64]
 
 
+@dataclass
+class _Increment:
+    """What one update adds to the smoother; time stamps decide when a key leaves it."""
+
+    graph: gtsam.NonlinearFactorGraph = field(default_factory=gtsam.NonlinearFactorGraph)
+    values: gtsam.Values = field(default_factory=gtsam.Values)
+    stamps: dict[int, float] = field(default_factory=dict)
+    factors: list[gtsam.NonlinearFactor] = field(default_factory=list)
+
+    def add_factors(self, factors: Iterable[gtsam.NonlinearFactor]) -> None:
+        for factor in factors:
+            self.graph.push_back(factor)
+            self.factors.append(factor)
+
+    def add_state(self, number: int, t: float, T_world_cam: Array, twist: Array) -> None:
+        self.values.insert(X(number), gtsam.Pose3(T_world_cam))
+        self.values.insert(V(number), twist)
+        self.stamps[X(number)] = self.stamps[V(number)] = t
+
+
 class FixedLagSmoother:
     """Estimates the states of the latest clusters incrementally.
 
@@ -42,6 +64,7 @@ class FixedLagSmoother:
         self._cluster_ends: deque[float] = deque(maxlen=config.window)
         self._pending = Measurements.concatenate([])
         self._knots = CovarianceKnots()
+        # Callbacks are faster for factors that Python keeps alive.
         self._factors: deque[list[gtsam.NonlinearFactor]] = deque(maxlen=2 * config.window)
 
     def update(
@@ -52,26 +75,15 @@ class FixedLagSmoother:
         Without any, the prior carries the estimate on to `stop`.
         """
         self._cluster_ends.append(stop)
-        graph, values, stamps = gtsam.NonlinearFactorGraph(), gtsam.Values(), {}
+        increment = _Increment()
         if len(self._states) == 0:
             if len(measurements) == 0:
                 return
-            self._states = start_states(measurements.t.min(), fit, self._make.noise)
-            self._insert_states(values, stamps, 0)
-            anchor = np.repeat([FIXED, self._make.noise.initial_velocity], 6) ** 2
-            first = self._states.T_world_cam[0], self._states.twist[0]
-            self._add(graph, self._make.anchor(0, *first, np.diag(anchor)))
-
+            self._start(increment, measurements.t.min(), fit)
         usable = self._usable(measurements)
-        last = len(self._states) - 1
-        self._extend_states(usable, stop, fit)
-        self._insert_states(values, stamps, last + 1)
-        self._insert_landmarks(values, stamps, usable)
-        numbers = range(self._first_active, len(self._states))
-        t = self._states.t[self._first_active :]
-        self._add(graph, self._make.motion(range(last, len(self._states)), self._states.t[last:]))
-        self._add(graph, self._make.reprojection(numbers, t, usable))
-        self._solve(graph, values, stamps)
+        self._extend_states(increment, usable, stop, fit)
+        self._measure(increment, usable)
+        self._solve(increment)
 
     def trajectory(self, start_ns: int) -> Trajectory | None:
         """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
@@ -80,68 +92,76 @@ class FixedLagSmoother:
         knots = self._knots_before(np.inf)
         return Trajectory.of_states(self._states, knots, self._make.noise, start_ns)
 
+    def _start(self, increment: _Increment, t: float, fit: VelocityFit | None) -> None:
+        """The first state, whose pose defines the world."""
+        self._states = start_states(t, fit, self._make.noise)
+        pose, twist = self._states.T_world_cam[0], self._states.twist[0]
+        deviations = np.repeat([FIXED, self._make.noise.initial_velocity], 6)
+        increment.add_state(0, t, pose, twist)
+        increment.add_factors(self._make.anchor(0, pose, twist, np.diag(deviations**2)))
+
     def _usable(self, measurements: Measurements) -> Measurements:
         """Measurements within the window, of landmarks that are known or measured twice."""
         known = Measurements.concatenate([self._pending, measurements])
         known = known[known.t >= self._states.t[self._first_active]]
-        twice = np.isin(known.landmark, seen_twice(known).landmark)
-        ready = twice | [self._active.exists(L(landmark)) for landmark in known.landmark.tolist()]
+        ready = np.isin(known.landmark, seen_twice(known).landmark)
+        ready |= np.array(
+            [self._active.exists(L(index)) for index in known.landmark.tolist()], bool
+        )
         self._pending = known[~ready]
         return known[ready]
 
     def _extend_states(
-        self, measurements: Measurements, stop: float, fit: VelocityFit | None
+        self,
+        increment: _Increment,
+        measurements: Measurements,
+        stop: float,
+        fit: VelocityFit | None,
     ) -> None:
         """States at the new measurements' times, or at the cluster's end if there are none."""
-        last = self._states.t[-1]
-        t = state_times(measurements.t, self._config.state_interval, last)
+        last = len(self._states) - 1
+        t_last = self._states.t[last]
+        t = state_times(measurements.t, self._config.state_interval, t_last)
         if len(t) == 0:
-            t = state_times(np.array([stop]), 0.0, last)
-        if len(t):
-            ahead = velocity_ahead(self._states, t[-1], fit, self._make.noise)
-            self._states.replace_from(self._states.at(t, ahead))
+            t = state_times(np.array([stop]), 0.0, t_last)
+        if len(t) == 0:
+            return
+        ahead = velocity_ahead(self._states, t[-1], fit, self._make.noise)
+        new = self._states.at(t, ahead)
+        for number, state in enumerate(zip(new.t, new.T_world_cam, new.twist, strict=True)):
+            increment.add_state(last + 1 + number, *state)
+        self._states.replace_from(new)
+        numbers = range(last, len(self._states))
+        increment.add_factors(self._make.motion(numbers, self._states.t[last:]))
 
-    def _insert_states(self, values: gtsam.Values, stamps: dict[int, float], first: int) -> None:
-        states = self._states
-        for k in range(first, len(states)):
-            values.insert(X(k), gtsam.Pose3(states.T_world_cam[k]))
-            values.insert(V(k), states.twist[k])
-            stamps[X(k)] = stamps[V(k)] = states.t[k]
-
-    def _insert_landmarks(
-        self, values: gtsam.Values, stamps: dict[int, float], measurements: Measurements
-    ) -> None:
-        """New landmarks; all that are measured stay for the lag from now on."""
+    def _measure(self, increment: _Increment, measurements: Measurements) -> None:
+        """Reprojection factors, new landmarks, and the lag of all that are seen from now on."""
         T_world_cam, _ = self._states.query(measurements.t)
         for landmark, point in landmark_points(measurements, T_world_cam, self._make.camera):
-            stamps[L(landmark)] = self._states.t[-1]
+            increment.stamps[L(landmark)] = self._states.t[-1]
             if not self._active.exists(L(landmark)):
-                values.insert(L(landmark), point)
+                increment.values.insert(L(landmark), point)
+        active = range(self._first_active, len(self._states))
+        t = self._states.t[self._first_active :]
+        increment.add_factors(self._make.reprojection(active, t, measurements))
 
-    def _add(self, graph: gtsam.NonlinearFactorGraph, factors: list[gtsam.NonlinearFactor]) -> None:
-        """Add factors; Python keeps them too, which makes their callbacks faster."""
-        self._factors.append(factors)
-        for factor in factors:
-            graph.push_back(factor)
-
-    def _solve(
-        self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, stamps: dict[int, float]
-    ) -> None:
+    def _solve(self, increment: _Increment) -> None:
         """Update the smoother, and take over its estimate of the states in the window."""
+        self._factors.append(increment.factors)
         lag = self._states.t[-1] - self._cluster_ends[0]
         if len(self._cluster_ends) == self._config.window and lag > 0:
             self._knots = self._knots_before(self._cluster_ends[0])
             self._smoother.setSmootherLag(lag)
-        self._smoother.update(graph, values, stamps)
+        self._smoother.update(increment.graph, increment.values, increment.stamps)
         self._active = self._smoother.calculateEstimate()
         while not self._active.exists(X(self._first_active)):
             self._first_active += 1
         self._solved = len(self._states)
-        numbers = range(self._first_active, self._solved)
+        active = range(self._first_active, self._solved)
         newest = States(
             self._states.t[self._first_active :],
-            np.array([self._active.atPose3(X(k)).matrix() for k in numbers]),
-            np.array([self._active.atVector(V(k)) for k in numbers]),
+            np.array([self._active.atPose3(X(k)).matrix() for k in active]),
+            np.array([self._active.atVector(V(k)) for k in active]),
         )
         self._states.replace_from(newest)
 
@@ -156,7 +176,6 @@ class FixedLagSmoother:
         if leaving == 0:
             return self._knots
         times = times[: leaving + 1]
-        numbers = np.searchsorted(t, times).tolist()
-        solved = self._smoother.getISAM2()
+        solved, numbers = self._smoother.getISAM2(), np.searchsorted(t, times).tolist()
         joint = [joint_covariance(solved, i, j) for i, j in pairwise(numbers)]
         return self._knots.and_next(times, np.array(joint))

@@ -147,7 +147,6 @@ class Odometry:
         return self._estimator.trajectory(start_ns)
 
     def _make_estimator(self) -> Estimator:
-        method = {"batch": SlidingWindow, "incremental": FixedLagSmoother}
-        return method[self.configuration.estimator.method](
-            self._camera, self.configuration.noise, self.configuration.estimator
-        )
+        config = self.configuration.estimator
+        method = SlidingWindow if config.method == "batch" else FixedLagSmoother
+        return method(self._camera, self.configuration.noise, config)

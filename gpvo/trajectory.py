@@ -143,7 +143,7 @@ class Trajectory:
         columns = {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
         unfinished = Path(f"{path}.unfinished")
         with open(unfinished, "wb") as file:
-            np.savez(file, **columns)
+            np.savez(file, allow_pickle=False, **columns)
         os.replace(unfinished, path)
 
     @staticmethod
