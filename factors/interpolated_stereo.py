@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
-from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from factors.interpolation import interpolate_kernel, interpolation_jacobian_kernel
+from factors.kernels import Array, add_block_kernel, kernel, multiply_kernel
+from factors.local import (
+    hermite_weights,
+    interpolated_local_kernel,
+    local_by_states_kernel,
+    local_jacobian_kernel,
+    local_state_kernel,
+    moved_kernel,
+    pose_by_states_kernel,
+)
 from factors.stereo import StereoCamera, checked_measurement, reprojection_kernel
+from factors.values import pose_matrix
 
-Array = NDArray[np.float64]
 
-
-@njit(cache=True)
-def _linearized(
+@kernel
+def _linearized_kernel(
     T_i: Array,
     v_i: Array,
     T_j: Array,
@@ -24,12 +31,24 @@ def _linearized(
     landmark: Array,
     measured: Array,
     camera: Array,
-) -> tuple[Array, Array, Array]:
-    """Error (3,) and its derivatives by the states (3, 24) and by the landmark (3, 3)."""
-    T, _ = interpolate_kernel(T_i, v_i, T_j, v_j, a, b)
-    by_states, _ = interpolation_jacobian_kernel(T_i, v_i, T_j, v_j, a, b)
-    error, by_pose, by_landmark = reprojection_kernel(T, landmark, measured, camera)
-    return error, by_pose @ by_states[:6], by_landmark
+    derivatives: bool,
+) -> Array:
+    """(3, 28) derivative of the error by the states (24) and the landmark (3), then the error."""
+    weights = hermite_weights(a, b)
+    local_j = local_state_kernel(T_i, T_j, v_j)
+    local = interpolated_local_kernel(v_i, local_j, weights)
+    T, v = np.empty((4, 4)), np.empty(6)
+    moved_kernel(T_i, local, T, v)
+    stereo = reprojection_kernel(T, landmark, measured, camera)
+    result = np.zeros((3, 28))
+    if derivatives:
+        by_states_j = local_jacobian_kernel(local_j, v_j, False)
+        by_states = pose_by_states_kernel(local, local_by_states_kernel(by_states_j, weights))
+        add_block_kernel(result, 0, 0, 1.0, multiply_kernel(stereo, by_states))
+    for i in range(3):
+        for j in range(4):
+            result[i, 24 + j] = stereo[i, 6 + j]
+    return result
 
 
 def InterpolatedStereoFactor(
@@ -75,18 +94,23 @@ def InterpolatedStereoFactor(
     def error(
         _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
     ) -> Array:
-        T_i, T_j = values.atPose3(pose_i).matrix(), values.atPose3(pose_j).matrix()
-        v_i, v_j = values.atVector(velocity_i), values.atVector(velocity_j)
-        point = values.atPoint3(landmark)
-        if jacobians is None:
-            T, _ = interpolate_kernel(T_i, v_i, T_j, v_j, a, b)
-            return reprojection_kernel(T, point, measurement, parameters)[0]
-        residual, by_states, jacobians[4] = _linearized(
-            T_i, v_i, T_j, v_j, a, b, point, measurement, parameters
+        result = _linearized_kernel(
+            pose_matrix(values, pose_i),
+            values.atVector(velocity_i),
+            pose_matrix(values, pose_j),
+            values.atVector(velocity_j),
+            a,
+            b,
+            values.atPoint3(landmark),
+            measurement,
+            parameters,
+            jacobians is not None,
         )
-        for block in range(4):
-            jacobians[block] = by_states[:, 6 * block : 6 * block + 6]
-        return residual
+        if jacobians is not None:
+            for block in range(4):
+                jacobians[block] = result[:, 6 * block : 6 * block + 6]
+            jacobians[4] = result[:, 24:27]
+        return result[:, 27]
 
     keys = [pose_i, velocity_i, pose_j, velocity_j, landmark]
     return gtsam.CustomFactor(model, keys, error)

@@ -1,7 +1,6 @@
 """Pose, velocity and covariance between and beyond states, by the WNOA Gaussian process.
 
-Section III-C.2 of Wang and Gammell; Barfoot, "State Estimation for Robotics", chapter 11. Around
-state i the local variables are xi(t) = Log(T_i^-1 T(t)) and its rate w = Jr(xi)^-1 v.
+Section III-C.2 of Wang and Gammell; Barfoot, "State Estimation for Robotics", chapter 11.
 """
 
 from __future__ import annotations
@@ -9,22 +8,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from factors.lie import (
-    adjoint_kernel,
-    exp_kernel,
-    inverse_kernel,
-    left_jacobian_inverse_kernel,
-    log_kernel,
-    right_jacobian_inverse_kernel,
-    right_jacobian_kernel,
-    right_jacobian_product_derivative_kernel,
+from factors.kernels import Array, kernel
+from factors.local import (
+    backward_adjoint_kernel,
+    hermite_weights,
+    interpolated_local_kernel,
+    local_by_states_kernel,
+    local_jacobian_kernel,
+    local_state_kernel,
+    moved_jacobian_kernel,
+    moved_kernel,
 )
-from factors.wnoa import power_spectral_density
-
-Array = NDArray[np.float64]
+from factors.wnoa import kronecker, power_spectral_density
 
 
 class InterpolatedState(NamedTuple):
@@ -36,119 +33,6 @@ class InterpolatedState(NamedTuple):
     pose: Array
     velocity: Array
     covariance: Array | None
-
-
-@njit(cache=True)
-def hermite_weights(a: float, b: float) -> Array:
-    """(2, 2, 2) scalar weights of (xi, w) at the time a after state i and b before state j.
-
-    The first is Lambda, the weight of state i's local variables, the second Omega, of state j's.
-    """
-    dt = a + b
-    s = a / dt
-    weights = np.empty((2, 2, 2))
-    weights[1, 0, 0], weights[1, 0, 1] = s * s * (3 - 2 * s), -s * s * b
-    weights[1, 1, 0], weights[1, 1, 1] = 6 * s * (1 - s) / dt, s * (3 * s - 2)
-    weights[0, 0, 0], weights[0, 0, 1] = (1 - s) ** 2 * (1 + 2 * s), (1 - s) ** 2 * a
-    weights[0, 1, 0], weights[0, 1, 1] = -weights[1, 1, 0], (1 - s) * (1 - 3 * s)
-    return weights
-
-
-@njit(cache=True)
-def bridge_covariance(a: float, b: float) -> Array:
-    """(2, 2) covariance of (xi, w) given both states, per unit of power spectral density."""
-    dt = a + b
-    cross = (a * b) ** 2 * (b - a) / (2 * dt**3)
-    rate = a * b * (a * a - a * b + b * b) / dt**3
-    return np.array([[(a * b) ** 3 / (3 * dt**3), cross], [cross, rate]])
-
-
-@njit(cache=True)
-def interpolate_kernel(
-    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: float, b: float
-) -> tuple[Array, Array]:
-    """Pose (4, 4) and twist (6,) at a seconds after state i and b seconds before state j."""
-    xi_j = log_kernel(inverse_kernel(T_i) @ T_j)
-    w_j = right_jacobian_inverse_kernel(xi_j) @ v_j
-    of_i, of_j = hermite_weights(a, b)
-    xi = of_i[0, 1] * v_i + of_j[0, 0] * xi_j + of_j[0, 1] * w_j
-    w = of_i[1, 1] * v_i + of_j[1, 0] * xi_j + of_j[1, 1] * w_j
-    return T_i @ exp_kernel(xi), right_jacobian_kernel(xi) @ w
-
-
-@njit(cache=True)
-def interpolation_jacobian_kernel(
-    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: float, b: float
-) -> tuple[Array, Array]:
-    """Derivatives of the interpolated pose and twist.
-
-    The first (12, 24) is by T_i, v_i, T_j, v_j, the second (12, 12) by the local (xi, w).
-    """
-    xi_j = log_kernel(inverse_kernel(T_i) @ T_j)
-    right_inverse = right_jacobian_inverse_kernel(xi_j)
-    w_j = right_inverse @ v_j
-    of_i, of_j = hermite_weights(a, b)
-    xi = of_i[0, 1] * v_i + of_j[0, 0] * xi_j + of_j[0, 1] * w_j
-    w = of_i[1, 1] * v_i + of_j[1, 0] * xi_j + of_j[1, 1] * w_j
-
-    by_local = np.zeros((12, 12))
-    by_local[:6, :6] = right_jacobian_kernel(xi)
-    by_local[6:, 6:] = by_local[:6, :6]
-    by_local[6:, :6] = right_jacobian_product_derivative_kernel(xi, w)
-
-    xi_j_by_pose_i = -left_jacobian_inverse_kernel(xi_j)
-    w_j_by_xi_j = -right_inverse @ right_jacobian_product_derivative_kernel(xi_j, w_j)
-    local = np.zeros((12, 24))  # derivatives of (xi, w) by the states
-    for k in range(2):
-        rows = slice(6 * k, 6 * k + 6)
-        by_xi_j = of_j[k, 0] * np.eye(6) + of_j[k, 1] * w_j_by_xi_j
-        local[rows, :6] = by_xi_j @ xi_j_by_pose_i
-        local[rows, 6:12] = of_i[k, 1] * np.eye(6)
-        local[rows, 12:18] = by_xi_j @ right_inverse
-        local[rows, 18:] = of_j[k, 1] * right_inverse
-    by_states = by_local @ local
-    by_states[:6, :6] += adjoint_kernel(exp_kernel(-xi))
-    return by_states, by_local
-
-
-@njit(cache=True)
-def _interpolated_covariance(
-    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: float, b: float, qc: Array, joint: Array
-) -> Array:
-    by_states, by_local = interpolation_jacobian_kernel(T_i, v_i, T_j, v_j, a, b)
-    bridge = np.zeros((12, 12))
-    scalar = bridge_covariance(a, b)
-    for i in range(2):
-        for j in range(2):
-            bridge[6 * i : 6 * i + 6, 6 * j : 6 * j + 6] = scalar[i, j] * qc
-    covariance = by_states @ joint @ by_states.T + by_local @ bridge @ by_local.T
-    return 0.5 * (covariance + covariance.T)
-
-
-@njit(cache=True)
-def _interpolate_batch(
-    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: Array, b: Array, T: Array, v: Array
-) -> None:
-    for n in range(len(a)):
-        T[n], v[n] = interpolate_kernel(T_i[n], v_i[n], T_j[n], v_j[n], a[n], b[n])
-
-
-@njit(cache=True)
-def _covariance_batch(
-    T_i: Array,
-    v_i: Array,
-    T_j: Array,
-    v_j: Array,
-    a: Array,
-    b: Array,
-    qc: Array,
-    joint: Array,
-    covariance: Array,
-) -> None:
-    for n in range(len(a)):
-        covariance[n] = _interpolated_covariance(
-            T_i[n], v_i[n], T_j[n], v_j[n], a[n], b[n], qc, joint[n]
-        )
 
 
 def interpolate(
@@ -186,26 +70,91 @@ def interpolate(
     batch = np.broadcast_shapes(t_i.shape, t_j.shape, t.shape, np.shape(v_i)[:-1])
     if not (np.all(t_i < t_j) and np.all(t_i <= t) and np.all(t <= t_j)):
         raise ValueError("t must lie between t_i and t_j, and t_i before t_j")
-    states = (
-        _spread(T_i, batch, (4, 4)),
-        _spread(v_i, batch, (6,)),
-        _spread(T_j, batch, (4, 4)),
-        _spread(v_j, batch, (6,)),
-        _spread(t - t_i, batch, ()),
-        _spread(t_j - t, batch, ()),
-    )
-    count = len(states[0])
-    pose, velocity = np.empty((count, 4, 4)), np.empty((count, 6))
-    _interpolate_batch(*states, pose, velocity)
+    T_i, T_j = _spread(T_i, batch, (4, 4)), _spread(T_j, batch, (4, 4))
+    v_i, v_j = _spread(v_i, batch, (6,)), _spread(v_j, batch, (6,))
+    a, b = _spread(t - t_i, batch, ()), _spread(t_j - t, batch, ())
+    local = np.empty((len(a), 12))
+    _interpolate_batch(T_i, v_i, T_j, v_j, a, b, local)
     covariance = None
     if joint_covariance is not None:
         if qc is None:
             raise ValueError("qc is needed to interpolate a covariance")
+        local_by_states = np.empty((len(a), 12, 24))
+        _local_by_states_batch(T_i, T_j, v_j, a, b, local_by_states)
         joint = _spread(joint_covariance, batch, (24, 24))
-        covariance = np.empty((count, 12, 12))
-        _covariance_batch(*states, power_spectral_density(qc), joint, covariance)
+        bridge = kronecker(bridge_covariance(a, b), power_spectral_density(qc))
+        covariance = _moved_covariance(local, local_by_states, joint, bridge)
+    return _moved_state(T_i, local, covariance, batch)
+
+
+@kernel
+def _interpolate_batch(
+    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: Array, b: Array, local: Array
+) -> None:
+    for n in range(len(a)):
+        local_j = local_state_kernel(T_i[n], T_j[n], v_j[n])
+        local[n] = interpolated_local_kernel(v_i[n], local_j, hermite_weights(a[n], b[n]))
+
+
+@kernel
+def _local_by_states_batch(
+    T_i: Array, T_j: Array, v_j: Array, a: Array, b: Array, derivatives: Array
+) -> None:
+    for n in range(len(a)):
+        local_j = local_state_kernel(T_i[n], T_j[n], v_j[n])
+        by_states_j = local_jacobian_kernel(local_j, v_j[n], False)
+        derivatives[n] = local_by_states_kernel(by_states_j, hermite_weights(a[n], b[n]))
+
+
+def bridge_covariance(a: Array, b: Array) -> Array:
+    """(n, 2, 2) covariance of (xi, w) given both states, per unit of power spectral density.
+
+    The times a (n,) after state i and b (n,) before state j are in seconds.
+    """
+    dt = a + b
+    s, r = a / dt, b / dt
+    cross = a * b * s * r * (b - a) / (2 * dt)
+    rate = dt * s * r * (1 - 3 * s * r)
+    return np.stack([a * b * s * r * dt * s * r / 3, cross, cross, rate], -1).reshape(-1, 2, 2)
+
+
+def _moved_covariance(local: Array, by_states: Array, states: Array, bridge: Array) -> Array:
+    """Covariance (n, 12, 12) of the pose and twist, of those of the states and of the bridge.
+
+    `by_states` (n, 12, m) is the derivative of the local variables (n, 12) by the states, the pose
+    of state i in the first six columns.
+    """
+    by_local, by_pose_i = np.empty((len(local), 12, 12)), np.empty((len(local), 6, 6))
+    _moved_jacobian_batch(local, by_local, by_pose_i)
+    moved = by_local @ by_states
+    moved[:, :6, :6] += by_pose_i
+    covariance = moved @ states @ np.swapaxes(moved, 1, 2)
+    covariance += by_local @ bridge @ np.swapaxes(by_local, 1, 2)
+    return 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+
+
+@kernel
+def _moved_jacobian_batch(local: Array, by_local: Array, by_pose_i: Array) -> None:
+    for n in range(len(local)):
+        by_local[n] = moved_jacobian_kernel(local[n])
+        by_pose_i[n] = backward_adjoint_kernel(local[n])
+
+
+def _moved_state(
+    T_i: Array, local: Array, covariance: Array | None, batch: tuple[int, ...]
+) -> InterpolatedState:
+    """The state with the given local variables around T_i, in the shape of the batch."""
+    pose, velocity = np.empty((len(local), 4, 4)), np.empty((len(local), 6))
+    _moved_batch(T_i, local, pose, velocity)
+    if covariance is not None:
         covariance = covariance.reshape(*batch, 12, 12)
     return InterpolatedState(pose.reshape(*batch, 4, 4), velocity.reshape(*batch, 6), covariance)
+
+
+@kernel
+def _moved_batch(T_i: Array, local: Array, T: Array, v: Array) -> None:
+    for n in range(len(local)):
+        moved_kernel(T_i[n], local[n], T[n], v[n])
 
 
 def _spread(array: ArrayLike, batch: tuple[int, ...], element: tuple[int, ...]) -> Array:
@@ -241,45 +190,17 @@ def extrapolate(
     """
     dt = np.asarray(dt, np.float64)
     batch = np.broadcast_shapes(dt.shape, np.shape(v_i)[:-1])
-    T, v = _spread(T_i, batch, (4, 4)), _spread(v_i, batch, (6,))
-    duration = _spread(dt, batch, ())
-    pose = np.empty_like(T)
-    _extrapolate_batch(T, v, duration, pose)
+    T_i, v_i, dt = _spread(T_i, batch, (4, 4)), _spread(v_i, batch, (6,)), _spread(dt, batch, ())
+    local = np.concatenate([dt[:, None] * v_i, v_i], axis=1)
     result = None
     if covariance is not None:
         if qc is None:
             raise ValueError("qc is needed to extrapolate a covariance")
+        zero, one = np.zeros_like(dt), np.ones_like(dt)
+        by_state = kronecker(np.stack([zero, dt, zero, one], -1).reshape(-1, 2, 2), np.eye(6))
+        h = abs(dt)
+        noise = np.stack([h**3 / 3, h * dt / 2, h * dt / 2, h], -1).reshape(-1, 2, 2)
         start = _spread(covariance, batch, (12, 12))
-        result = np.empty_like(start)
-        _extrapolated_covariance_batch(v, duration, power_spectral_density(qc), start, result)
-        result = result.reshape(*batch, 12, 12)
-    return InterpolatedState(pose.reshape(*batch, 4, 4), v.reshape(*batch, 6), result)
-
-
-@njit(cache=True)
-def _extrapolate_batch(T: Array, v: Array, dt: Array, pose: Array) -> None:
-    for n in range(len(dt)):
-        pose[n] = T[n] @ exp_kernel(dt[n] * v[n])
-
-
-@njit(cache=True)
-def _extrapolated_covariance_batch(
-    v: Array, dt: Array, qc: Array, start: Array, result: Array
-) -> None:
-    """Locally xi = dt w and w = v, then both as `interpolation_jacobian_kernel` maps them."""
-    for n in range(len(dt)):
-        h, xi = dt[n], dt[n] * v[n]
-        by_local = np.zeros((12, 12))
-        by_local[:6, :6] = right_jacobian_kernel(xi)
-        by_local[6:, 6:] = by_local[:6, :6]
-        by_local[6:, :6] = right_jacobian_product_derivative_kernel(xi, v[n])
-        local = np.zeros((12, 12))
-        local[:6, 6:] = h * np.eye(6)
-        local[6:, 6:] = np.eye(6)
-        by_state = by_local @ local
-        by_state[:6, :6] += adjoint_kernel(exp_kernel(-xi))
-        noise = np.zeros((12, 12))
-        noise[:6, :6], noise[6:, 6:] = abs(h) ** 3 / 3 * qc, abs(h) * qc
-        noise[:6, 6:] = noise[6:, :6] = h * abs(h) / 2 * qc
-        covariance = by_state @ start[n] @ by_state.T + by_local @ noise @ by_local.T
-        result[n] = 0.5 * (covariance + covariance.T)
+        noise = kronecker(noise, power_spectral_density(qc))
+        result = _moved_covariance(local, by_state, start, noise)
+    return _moved_state(T_i, local, result, batch)

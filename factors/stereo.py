@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from factors.kernels import Array, kernel
+from factors.values import pose_matrix
 
 
 @dataclass(frozen=True)
@@ -60,43 +60,45 @@ class StereoCamera:
         return np.stack([(u - self.cx) * z / self.fx, (v - self.cy) * z / self.fy, z], axis=-1)
 
 
-@njit(cache=True)
-def reprojection_kernel(
-    T: Array, landmark: Array, measured: Array, camera: Array
-) -> tuple[Array, Array, Array]:
-    """Error (3,) and its derivatives by the pose (3, 6) and the landmark (3, 3).
+@kernel
+def reprojection_kernel(T: Array, landmark: Array, measured: Array, camera: Array) -> Array:
+    """(3, 10) derivative of the error by the pose (6) and the landmark (3), then the error itself.
 
     Behind the camera: a large constant error without derivatives, as GTSAM's own stereo factor.
     """
-    by_pose, by_landmark = np.zeros((3, 6)), np.zeros((3, 3))
-    p = np.empty(3)
+    fx, fy, cx, cy, baseline = camera[0], camera[1], camera[2], camera[3], camera[4]
+    p = np.zeros(3)
     for i in range(3):
-        p[i] = 0.0
         for j in range(3):
             p[i] += T[j, i] * (landmark[j] - T[j, 3])
-    x, y, z = p
-    fx, fy, cx, cy, baseline = camera
+    x, y, z = p[0], p[1], p[2]
+    result = np.zeros((3, 10))
     if z <= 0:
-        return np.full(3, 2 * fx), by_pose, by_landmark
-    error = np.array([fx * x / z + cx, fy * y / z + cy, fx * baseline / z]) - measured
+        for i in range(3):
+            result[i, 9] = 2 * fx
+        return result
+    result[0, 9] = fx * x / z + cx - measured[0]
+    result[1, 9] = fy * y / z + cy - measured[1]
+    result[2, 9] = fx * baseline / z - measured[2]
     by_point = np.zeros((3, 3))
-    by_point[0, 0], by_point[0, 2] = fx / z, -fx * x / z**2
-    by_point[1, 1], by_point[1, 2] = fy / z, -fy * y / z**2
-    by_point[2, 2] = -fx * baseline / z**2
+    by_point[0, 0], by_point[0, 2] = fx / z, -fx * x / (z * z)
+    by_point[1, 1], by_point[1, 2] = fy / z, -fy * y / (z * z)
+    by_point[2, 2] = -fx * baseline / (z * z)
     for i in range(3):
-        a, b, c = by_point[i]
-        by_pose[i, 0], by_pose[i, 1], by_pose[i, 2] = b * z - c * y, c * x - a * z, a * y - b * x
-        by_pose[i, 3], by_pose[i, 4], by_pose[i, 5] = -a, -b, -c
         for j in range(3):
-            by_landmark[i, j] = a * T[j, 0] + b * T[j, 1] + c * T[j, 2]
-    return error, by_pose, by_landmark
+            k, m = (j + 1) % 3, (j + 2) % 3
+            result[i, j] = by_point[i, k] * p[m] - by_point[i, m] * p[k]
+            result[i, 3 + j] = -by_point[i, j]
+            for n in range(3):
+                result[i, 6 + n] += by_point[i, j] * T[n, j]
+    return result
 
 
 def checked_measurement(measured: ArrayLike) -> Array:
     """(3,) finite numbers (u_left, v, disparity); ValueError otherwise."""
     measurement = np.asarray(measured, np.float64)
     if measurement.shape != (3,) or not np.isfinite(measurement).all():
-        raise ValueError(f"measured must be finite (u_left, v, disparity), not {measured}")
+        raise ValueError(f"measured must be finite (u_left, v, disparity), not {measurement}")
     return measurement
 
 
@@ -130,11 +132,11 @@ def StereoReprojectionFactor(
     def error(
         _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
     ) -> Array:
-        residual, by_pose, by_landmark = reprojection_kernel(
-            values.atPose3(pose).matrix(), values.atPoint3(landmark), measurement, parameters
+        result = reprojection_kernel(
+            pose_matrix(values, pose), values.atPoint3(landmark), measurement, parameters
         )
         if jacobians is not None:
-            jacobians[0], jacobians[1] = by_pose, by_landmark
-        return residual
+            jacobians[0], jacobians[1] = result[:, :6], result[:, 6:9]
+        return result[:, 9]
 
     return gtsam.CustomFactor(model, [pose, landmark], error)

@@ -1,27 +1,19 @@
 """The white-noise-on-acceleration (WNOA) motion prior between two states.
 
 Equations (prior_err) and (prior_cov) of Wang and Gammell; Barfoot, "State Estimation for Robotics",
-chapter 11. In this package's convention (T_world_body, right perturbations, rotation first) and with
-xi = Log(T_i^-1 T_j) the error is e = [xi - dt v_i, Jr(xi)^-1 v_j - v_i].
+chapter 11. With T_world_body, right perturbations, rotation first, and xi = Log(T_i^-1 T_j), the
+error is e = [xi - dt v_i, Jr(xi)^-1 v_j - v_i].
 """
 
 from __future__ import annotations
 
 import gtsam
 import numpy as np
-from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from factors.lie import (
-    curly_kernel,
-    inverse_kernel,
-    left_jacobian_inverse_kernel,
-    log_kernel,
-    right_jacobian_inverse_kernel,
-    right_jacobian_product_derivative_kernel,
-)
-
-Array = NDArray[np.float64]
+from factors.kernels import Array, add_block_kernel, kernel
+from factors.local import local_jacobian_kernel, local_state_kernel
+from factors.values import pose_matrix
 
 
 def power_spectral_density(qc: ArrayLike) -> Array:
@@ -56,7 +48,8 @@ def checked_duration(dt: float) -> float:
 def wnoa_covariance(dt: float, qc: ArrayLike) -> Array:
     """(12, 12) covariance Q_k of the prior's error after dt seconds, equation (prior_cov)."""
     dt = checked_duration(dt)
-    return np.kron([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]], power_spectral_density(qc))
+    scalars = np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    return kronecker(scalars, power_spectral_density(qc))
 
 
 def wnoa_information(dt: float, qc: ArrayLike) -> Array:
@@ -68,66 +61,57 @@ def wnoa_information(dt: float, qc: ArrayLike) -> Array:
 def wnoa_square_root_information(dt: float, qc: ArrayLike) -> Array:
     """(12, 12) S with SᵀS = Q_k^-1, in closed form."""
     dt = checked_duration(dt)
-    return np.kron([[np.sqrt(12 / dt**3), -np.sqrt(3 / dt)], [0, np.sqrt(1 / dt)]], whitening(qc))
+    scalars = np.array([[np.sqrt(12 / dt**3), -np.sqrt(3 / dt)], [0, np.sqrt(1 / dt)]])
+    return kronecker(scalars, whitening(qc))
 
 
-@njit(cache=True)
-def wnoa_error_kernel(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: float) -> Array:
-    """(12,) error of the prior."""
-    xi = log_kernel(inverse_kernel(T_i) @ T_j)
-    error = np.empty(12)
-    error[:6] = xi - dt * v_i
-    error[6:] = right_jacobian_inverse_kernel(xi) @ v_j - v_i
-    return error
+def kronecker(scalars: Array, matrix: Array) -> Array:
+    """Kronecker products (..., 12, 12) of scalars (..., 2, 2) and one matrix (6, 6)."""
+    return np.einsum("...ij,kl->...ikjl", scalars, matrix).reshape(*scalars.shape[:-2], 12, 12)
 
 
-@njit(cache=True)
-def wnoa_jacobian_kernel(T_i: Array, T_j: Array, v_j: Array, dt: float, approximate: bool) -> Array:
-    """(12, 24) derivative of the error by T_i, v_i, T_j, v_j.
-
-    `approximate` gives the paper's first-order E_21 and E_23.
-    """
-    xi = log_kernel(inverse_kernel(T_i) @ T_j)
-    right_inverse = right_jacobian_inverse_kernel(xi)
-    local_velocity = right_inverse @ v_j
-    # From Jr(xi) w = v_j: Jr dw + d(Jr w)/dxi dxi = dv_j.
-    if approximate:
-        by_xi = -0.5 * curly_kernel(v_j)
-    else:
-        by_xi = -right_inverse @ right_jacobian_product_derivative_kernel(xi, local_velocity)
-    jacobian = np.zeros((12, 24))
-    jacobian[:6, :6] = -left_jacobian_inverse_kernel(xi)
-    jacobian[:6, 12:18] = right_inverse
-    jacobian[6:, :6] = by_xi @ np.ascontiguousarray(jacobian[:6, :6])
-    jacobian[6:, 12:18] = by_xi @ right_inverse
-    jacobian[6:, 18:] = right_inverse
-    for k in range(6):
-        jacobian[k, 6 + k] = -dt
-        jacobian[6 + k, 6 + k] = -1.0
-    return jacobian
-
-
-@njit(cache=True)
-def whitened_kernel(rows: Array, dt: float, W: Array) -> Array:
-    """S rows (12, n) for the square root information S of `wnoa_square_root_information`."""
-    result = np.empty_like(rows)
-    upper, lower = W @ rows[:6], W @ rows[6:]
-    result[:6] = np.sqrt(12 / dt**3) * upper - np.sqrt(3 / dt) * lower
-    result[6:] = np.sqrt(1 / dt) * lower
+@kernel
+def wnoa_kernel(
+    T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: float, derivatives: bool, approximate: bool
+) -> Array:
+    """(12, 25) derivative of the error by T_i, v_i, T_j, v_j, then the error itself."""
+    local = local_state_kernel(T_i, T_j, v_j)
+    result = np.zeros((12, 25))
+    if derivatives:
+        add_block_kernel(result, 0, 0, 1.0, local_jacobian_kernel(local, v_j, approximate))
+    for i in range(6):
+        result[i, 24] = local[i] - dt * v_i[i]
+        result[6 + i, 24] = local[6 + i] - v_i[i]
+        result[i, 6 + i] = -dt
+        result[6 + i, 6 + i] = -1.0
     return result
 
 
-@njit(cache=True)
-def _whitened_error(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: float, W: Array) -> Array:
-    error = wnoa_error_kernel(T_i, v_i, T_j, v_j, dt)
-    return whitened_kernel(error.reshape(12, 1), dt, W)[:, 0]
+@kernel
+def whitened_kernel(rows: Array, dt: float, W: Array) -> Array:
+    """S rows (12, n) for the square root information S of `wnoa_square_root_information`."""
+    upper, mixed, lower = np.sqrt(12 / dt**3), np.sqrt(3 / dt), np.sqrt(1 / dt)
+    result = np.zeros_like(rows)
+    for i in range(6):
+        for k in range(i + 1):
+            for j in range(rows.shape[1]):
+                result[i, j] += W[i, k] * (upper * rows[k, j] - mixed * rows[6 + k, j])
+                result[6 + i, j] += W[i, k] * lower * rows[6 + k, j]
+    return result
 
 
-@njit(cache=True)
-def _whitened_jacobian(
-    T_i: Array, T_j: Array, v_j: Array, dt: float, W: Array, approximate: bool
+@kernel
+def _whitened_wnoa_kernel(
+    T_i: Array,
+    v_i: Array,
+    T_j: Array,
+    v_j: Array,
+    dt: float,
+    W: Array,
+    derivatives: bool,
+    approximate: bool,
 ) -> Array:
-    return whitened_kernel(wnoa_jacobian_kernel(T_i, T_j, v_j, dt, approximate), dt, W)
+    return whitened_kernel(wnoa_kernel(T_i, v_i, T_j, v_j, dt, derivatives, approximate), dt, W)
 
 
 def wnoa_error(
@@ -136,8 +120,8 @@ def wnoa_error(
     """Error (12,) of the prior and its exact Jacobian (12, 24) by T_i, v_i, T_j, v_j."""
     T_i, v_i, T_j, v_j = (np.ascontiguousarray(x, np.float64) for x in (T_i, v_i, T_j, v_j))
     dt = checked_duration(dt)
-    error = wnoa_error_kernel(T_i, v_i, T_j, v_j, dt)
-    return error, wnoa_jacobian_kernel(T_i, T_j, v_j, dt, False)
+    result = wnoa_kernel(T_i, v_i, T_j, v_j, dt, True, False)
+    return result[:, 24], result[:, :24]
 
 
 def WnoaPriorFactor(
@@ -177,13 +161,20 @@ def WnoaPriorFactor(
     def error(
         _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
     ) -> Array:
-        T_i, T_j = values.atPose3(pose_i).matrix(), values.atPose3(pose_j).matrix()
-        v_i, v_j = values.atVector(velocity_i), values.atVector(velocity_j)
+        result = _whitened_wnoa_kernel(
+            pose_matrix(values, pose_i),
+            values.atVector(velocity_i),
+            pose_matrix(values, pose_j),
+            values.atVector(velocity_j),
+            dt,
+            W,
+            jacobians is not None,
+            approximate_jacobians,
+        )
         if jacobians is not None:
-            whole = _whitened_jacobian(T_i, T_j, v_j, dt, W, approximate_jacobians)
             for block in range(4):
-                jacobians[block] = whole[:, 6 * block : 6 * block + 6]
-        return _whitened_error(T_i, v_i, T_j, v_j, dt, W)
+                jacobians[block] = result[:, 6 * block : 6 * block + 6]
+        return result[:, 24]
 
     keys = [pose_i, velocity_i, pose_j, velocity_j]
     return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(12), keys, error)

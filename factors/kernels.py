@@ -1,0 +1,231 @@
+"""SE(3) for one element at a time, inside numba code.
+
+A 6 x 6 adjoint [[A, 0], [B, A]] of a twist or transform is the matrix A + eps B of dual numbers,
+eps^2 = 0, so that each formula of SO(3) holds on SE(3) once its numbers are dual (Study; Barfoot,
+"State Estimation for Robotics", chapter 7, writes the dual parts out). With the dual rotation
+vector xi = phi + eps rho and W its cross product matrix, the adjoint of Exp(xi), both Jacobians and
+their inverses are 1 + p W + q W^2, where p and q depend only on the squared angle s.
+
+Arrays are C-contiguous float64, or the same kernel would be compiled again for another layout.
+"""
+
+from __future__ import annotations
+
+from math import factorial
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+kernel = njit(cache=True, error_model="numpy")
+
+ADJOINT, JACOBIAN, INVERSE = 1, 2, 3  # which 1 + p W + q W^2
+LEFT, RIGHT = 1.0, -1.0  # the right ones are the left ones of -xi and have -p
+
+_SERIES_TERMS = 14  # 1e-17 of the first at an angle of pi
+_SERIES_LIMIT = 10.0  # squared angle, a little above pi^2
+_INVERSE_FACTORIAL = np.array([1 / factorial(n) for n in range(2 * _SERIES_TERMS + 9)])
+
+
+@kernel
+def stumpff_kernel(s: float) -> Array:
+    """(3, 9) Stumpff functions c_n(s) = sum_m (-s)^m / (2m + n)! and two derivatives, n = 0..8.
+
+    c_0..c_3 are cos w, sin(w)/w, (1 - cos w)/w^2, (w - sin w)/w^3 of the angle w, s = w^2. No
+    derivative of the last columns is filled.
+    """
+    c = np.zeros((3, 9))
+    if s < _SERIES_LIMIT:
+        for m in range(_SERIES_TERMS - 1, -1, -1):
+            c[0, 7] = _INVERSE_FACTORIAL[2 * m + 7] - s * c[0, 7]
+            c[0, 8] = _INVERSE_FACTORIAL[2 * m + 8] - s * c[0, 8]
+        for n in range(6, -1, -1):
+            c[0, n] = _INVERSE_FACTORIAL[n] - s * c[0, n + 2]
+    else:
+        w = np.sqrt(s)
+        c[0, 0], c[0, 1] = np.cos(w), np.sin(w) / w
+        for n in range(7):
+            c[0, n + 2] = (_INVERSE_FACTORIAL[n] - c[0, n]) / s
+    for k in range(2):
+        for n in range(7 - 2 * k):
+            c[k + 1, n] = 0.5 * (n * c[k, n + 2] - c[k, n + 1])
+    return c
+
+
+@kernel
+def coefficients_kernel(xi: Array, which: int, side: float) -> Array:
+    """(3, 2) p and q of 1 + p W + q W^2 and their first two derivatives by the squared angle.
+
+    `which` is ADJOINT, JACOBIAN or INVERSE; `side` is LEFT or RIGHT.
+    """
+    c = stumpff_kernel(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
+    k = np.zeros((3, 2))
+    if which == INVERSE:
+        k[0, 0] = -0.5 * side
+        half = 2 * c[0, 2]
+        q = (c[0, 3] - 2 * c[0, 4]) / half
+        slope = (c[1, 3] - 2 * c[1, 4]) / half + q * q
+        k[2, 1] = (c[2, 3] - 2 * c[2, 4]) / half + 3 * q * slope - q * q * q
+        k[0, 1], k[1, 1] = q, slope
+    else:
+        for n in range(3):
+            k[n, 0], k[n, 1] = side * c[n, which], c[n, which + 1]
+    return k
+
+
+@kernel
+def polynomial_kernel(xi: Array, k: Array) -> Array:
+    """(6, 6) matrix 1 + p W + q W^2 of a twist, W^2 = phi phi^T - s, on dual numbers."""
+    p, q = k[0, 0], k[0, 1]
+    s = xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
+    ds = 2 * (xi[0] * xi[3] + xi[1] * xi[4] + xi[2] * xi[5])
+    dp, dq = ds * k[1, 0], ds * k[1, 1]
+    M = np.zeros((6, 6))
+    for i in range(3):
+        for j in range(3):
+            M[i, j] = q * xi[i] * xi[j]
+            M[3 + i, j] = q * (xi[3 + i] * xi[j] + xi[i] * xi[3 + j]) + dq * xi[i] * xi[j]
+        M[i, i] += 1 - q * s
+        M[3 + i, i] -= q * ds + dq * s
+    add_cross_kernel(M, 0, p, xi, 0)
+    add_cross_kernel(M, 3, p, xi, 3)
+    add_cross_kernel(M, 3, dp, xi, 0)
+    for i in range(3):
+        for j in range(3):
+            M[3 + i, 3 + j] = M[i, j]
+    return M
+
+
+@kernel
+def polynomial_derivative_kernel(xi: Array, k: Array, w: Array) -> Array:
+    """(6, 6) derivative of (1 + p W + q W^2) w by xi, w (6,) fixed.
+
+    Over SO(3) it is -p [w] + q (phi.w + phi w^T - 2 w phi^T) + 2 (p' phi x w + q' W^2 w) phi^T,
+    and here the same on dual numbers; names in d are dual parts.
+    """
+    s = xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
+    ds = 2 * (xi[0] * xi[3] + xi[1] * xi[4] + xi[2] * xi[5])
+    dot = xi[0] * w[0] + xi[1] * w[1] + xi[2] * w[2]
+    ddot = xi[0] * w[3] + xi[1] * w[4] + xi[2] * w[5] + xi[3] * w[0] + xi[4] * w[1] + xi[5] * w[2]
+    p, q, dp, dq = k[0, 0], k[0, 1], ds * k[1, 0], ds * k[1, 1]
+    D = np.zeros((6, 6))
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        cross = xi[a] * w[b] - xi[b] * w[a]
+        dcross = xi[a] * w[3 + b] - xi[b] * w[3 + a] + xi[3 + a] * w[b] - xi[3 + b] * w[a]
+        square = xi[i] * dot - s * w[i]
+        dsquare = xi[i] * ddot + xi[3 + i] * dot - s * w[3 + i] - ds * w[i]
+        u = k[1, 0] * cross + k[1, 1] * square
+        du = k[1, 0] * dcross + k[1, 1] * dsquare + ds * (k[2, 0] * cross + k[2, 1] * square)
+        for j in range(3):
+            outer = xi[i] * w[j] - 2 * w[i] * xi[j]
+            douter = xi[i] * w[3 + j] - 2 * w[3 + i] * xi[j]
+            douter += xi[3 + i] * w[j] - 2 * w[i] * xi[3 + j]
+            D[i, j] = q * outer + 2 * u * xi[j]
+            D[3 + i, j] = q * douter + dq * outer + 2 * (du * xi[j] + u * xi[3 + j])
+        D[i, i] += q * dot
+        D[3 + i, i] += q * ddot + dq * dot
+    add_cross_kernel(D, 0, -p, w, 0)
+    add_cross_kernel(D, 3, -p, w, 3)
+    add_cross_kernel(D, 3, -dp, w, 0)
+    for i in range(3):
+        for j in range(3):
+            D[3 + i, 3 + j] = D[i, j]
+    return D
+
+
+@kernel
+def add_cross_kernel(M: Array, row: int, factor: float, x: Array, first: int) -> None:
+    """Add factor times the cross product matrix of x[first : first + 3] to M[row : row + 3, :3]."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        M[row + k, j] += factor * x[first + i]
+        M[row + j, k] -= factor * x[first + i]
+
+
+@kernel
+def exp_kernel(xi: Array) -> Array:
+    """(4, 4) transform of a twist."""
+    k = coefficients_kernel(xi, ADJOINT, LEFT)
+    rotation = polynomial_kernel(xi, k)
+    k = coefficients_kernel(xi, JACOBIAN, LEFT)
+    jacobian = polynomial_kernel(xi, k)
+    T = np.zeros((4, 4))
+    for i in range(3):
+        for j in range(3):
+            T[i, j] = rotation[i, j]
+            T[i, 3] += jacobian[i, j] * xi[3 + j]
+    T[3, 3] = 1.0
+    return T
+
+
+@kernel
+def log_kernel(T: Array) -> Array:
+    """(6,) twist of a transform, rotation angle at most pi."""
+    xi = np.zeros(6)
+    _rotation_log(T, xi)
+    inverse = polynomial_kernel(xi, coefficients_kernel(xi, INVERSE, LEFT))
+    for i in range(3):
+        xi[3 + i] = inverse[i, 0] * T[0, 3] + inverse[i, 1] * T[1, 3] + inverse[i, 2] * T[2, 3]
+    return xi
+
+
+@kernel
+def _rotation_log(T: Array, xi: Array) -> None:
+    """Rotation vector into xi[:3], by the quaternion with the largest component (Shepperd)."""
+    trace = T[0, 0] + T[1, 1] + T[2, 2]
+    q = np.empty(4)  # x, y, z, w
+    i = 0
+    for n in range(1, 3):
+        if T[n, n] > T[i, i]:
+            i = n
+    j, k = (i + 1) % 3, (i + 2) % 3
+    if trace > T[i, i]:
+        q[3] = 1 + trace
+        q[i], q[j], q[k] = T[k, j] - T[j, k], T[i, k] - T[k, i], T[j, i] - T[i, j]
+    else:
+        q[i] = 1 - trace + 2 * T[i, i]
+        q[j], q[k] = T[i, j] + T[j, i], T[i, k] + T[k, i]
+        q[3] = T[k, j] - T[j, k]
+    size = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    scale = 2 / q[3]
+    if size > 1e-12 * abs(q[3]):
+        scale = 2 * np.arctan2(size, abs(q[3])) / size
+        if q[3] < 0:
+            scale = -scale
+    for n in range(3):
+        xi[n] = scale * q[n]
+
+
+@kernel
+def relative_kernel(T_i: Array, T_j: Array) -> Array:
+    """(4, 4) transform T_i^-1 T_j."""
+    T = np.zeros((4, 4))
+    for i in range(3):
+        for k in range(3):
+            for j in range(3):
+                T[i, j] += T_i[k, i] * T_j[k, j]
+            T[i, 3] += T_i[k, i] * (T_j[k, 3] - T_i[k, 3])
+    T[3, 3] = 1.0
+    return T
+
+
+@kernel
+def multiply_kernel(A: Array, B: Array) -> Array:
+    """A B of two matrices; columns of A beyond the rows of B are left out."""
+    C = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for k in range(B.shape[0]):
+            for j in range(B.shape[1]):
+                C[i, j] += A[i, k] * B[k, j]
+    return C
+
+
+@kernel
+def add_block_kernel(M: Array, row: int, column: int, factor: float, B: Array) -> None:
+    """Add factor times B to the block of M that starts at (row, column)."""
+    for i in range(B.shape[0]):
+        for j in range(B.shape[1]):
+            M[row + i, column + j] += factor * B[i, j]

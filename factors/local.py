@@ -1,0 +1,150 @@
+"""The trajectory around a state: local variables, their interpolation, and what moves with them.
+
+Around state i the local variables of a state (T, v) are xi = Log(T_i^-1 T) and its rate
+w = Jr(xi)^-1 v, where the Gaussian process is linear. Section III-C of Wang and Gammell; Barfoot,
+"State Estimation for Robotics", chapter 11. Everything here is for one element, inside numba code.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from factors.kernels import (
+    ADJOINT,
+    INVERSE,
+    JACOBIAN,
+    LEFT,
+    RIGHT,
+    Array,
+    add_block_kernel,
+    coefficients_kernel,
+    exp_kernel,
+    kernel,
+    log_kernel,
+    multiply_kernel,
+    polynomial_derivative_kernel,
+    polynomial_kernel,
+    relative_kernel,
+)
+
+
+@kernel
+def local_state_kernel(T_i: Array, T_j: Array, v_j: Array) -> Array:
+    """(12,) local variables around state i of state j, xi = Log(T_i^-1 T_j) and Jr(xi)^-1 v_j."""
+    xi = log_kernel(relative_kernel(T_i, T_j))
+    inverse = polynomial_kernel(xi, coefficients_kernel(xi, INVERSE, RIGHT))
+    local = np.zeros(12)
+    for i in range(6):
+        local[i] = xi[i]
+        for j in range(6):
+            local[6 + i] += inverse[i, j] * v_j[j]
+    return local
+
+
+@kernel
+def local_jacobian_kernel(local: Array, v_j: Array, approximate: bool) -> Array:
+    """(12, 24) derivative of the local variables by T_i, v_i, T_j, v_j.
+
+    `approximate` gives the paper's first-order E_21 and E_23.
+    """
+    k = coefficients_kernel(local, INVERSE, LEFT)
+    left = polynomial_kernel(local, k)
+    k = coefficients_kernel(local, INVERSE, RIGHT)
+    right = polynomial_kernel(local, k)
+    if approximate:  # Jr(xi)^-1 v_j = v_j + ad(xi) v_j / 2
+        for n in range(3):
+            k[n, 1] = 0.0
+    velocity_by_xi = polynomial_derivative_kernel(local, k, v_j)
+    jacobian = np.zeros((12, 24))
+    add_block_kernel(jacobian, 0, 0, -1.0, left)
+    add_block_kernel(jacobian, 0, 12, 1.0, right)
+    add_block_kernel(jacobian, 6, 0, -1.0, multiply_kernel(velocity_by_xi, left))
+    add_block_kernel(jacobian, 6, 12, 1.0, multiply_kernel(velocity_by_xi, right))
+    add_block_kernel(jacobian, 6, 18, 1.0, right)
+    return jacobian
+
+
+@kernel
+def hermite_weights(a: float, b: float) -> Array:
+    """(2, 2, 2) scalar weights of (xi, w) at the time a after state i and b before state j.
+
+    The first is Lambda, the weight of state i's local variables, the second Omega, of state j's.
+    """
+    dt = a + b
+    s, r = a / dt, b / dt
+    weights = np.empty((2, 2, 2))
+    weights[0, 0, 0], weights[0, 0, 1] = r * r * (1 + 2 * s), r * r * a
+    weights[0, 1, 0], weights[0, 1, 1] = -6 * s * r / dt, r * (1 - 3 * s)
+    weights[1, 0, 0], weights[1, 0, 1] = s * s * (1 + 2 * r), -s * s * b
+    weights[1, 1, 0], weights[1, 1, 1] = 6 * s * r / dt, s * (1 - 3 * r)
+    return weights
+
+
+@kernel
+def interpolated_local_kernel(v_i: Array, local_j: Array, weights: Array) -> Array:
+    """(12,) local variables (xi, w) around state i, of those of state j and the weights."""
+    local = np.empty(12)
+    for k in range(2):
+        for n in range(6):
+            local[6 * k + n] = (
+                weights[0, k, 1] * v_i[n]
+                + weights[1, k, 0] * local_j[n]
+                + weights[1, k, 1] * local_j[6 + n]
+            )
+    return local
+
+
+@kernel
+def local_by_states_kernel(by_states_j: Array, weights: Array) -> Array:
+    """(12, 24) derivative of the interpolated local variables by both states, of state j's."""
+    result = np.zeros((12, 24))
+    for k in range(2):
+        for n in range(6):
+            result[6 * k + n, 6 + n] = weights[0, k, 1]
+            for column in range(24):
+                for m in range(2):
+                    result[6 * k + n, column] += weights[1, k, m] * by_states_j[6 * m + n, column]
+    return result
+
+
+@kernel
+def moved_kernel(T_i: Array, local: Array, T: Array, v: Array) -> None:
+    """Write the pose T_i Exp(xi) and the twist Jr(xi) w of local variables (xi, w) around T_i."""
+    step = exp_kernel(local)
+    jacobian = polynomial_kernel(local, coefficients_kernel(local, JACOBIAN, RIGHT))
+    for i in range(4):
+        for j in range(4):
+            T[i, j] = 0.0
+            for k in range(4):
+                T[i, j] += T_i[i, k] * step[k, j]
+    for i in range(6):
+        v[i] = 0.0
+        for j in range(6):
+            v[i] += jacobian[i, j] * local[6 + j]
+
+
+@kernel
+def moved_jacobian_kernel(local: Array) -> Array:
+    """(12, 12) derivative of the pose Exp(xi) and the twist Jr(xi) w by xi and w."""
+    k = coefficients_kernel(local, JACOBIAN, RIGHT)
+    jacobian = polynomial_kernel(local, k)
+    result = np.zeros((12, 12))
+    add_block_kernel(result, 0, 0, 1.0, jacobian)
+    add_block_kernel(result, 6, 6, 1.0, jacobian)
+    add_block_kernel(result, 6, 0, 1.0, polynomial_derivative_kernel(local, k, local[6:]))
+    return result
+
+
+@kernel
+def backward_adjoint_kernel(local: Array) -> Array:
+    """(6, 6) derivative of T_i Exp(xi) by T_i, xi fixed."""
+    return polynomial_kernel(local, coefficients_kernel(local, ADJOINT, RIGHT))
+
+
+@kernel
+def pose_by_states_kernel(local: Array, local_by_states: Array) -> Array:
+    """(6, 24) derivative of the pose T_i Exp(xi) by both states."""
+    jacobian = polynomial_kernel(local, coefficients_kernel(local, JACOBIAN, RIGHT))
+    result = multiply_kernel(jacobian, local_by_states[:6])
+    add_block_kernel(result, 0, 0, 1.0, backward_adjoint_kernel(local))
+    return result
