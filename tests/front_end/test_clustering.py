@@ -37,9 +37,7 @@ def random_stream(seed: int) -> tuple[Events, Events]:
 
 def slabs(left: Events, right: Events, cuts: list[float]) -> list[StereoEvents]:
     edges = [0.0, *sorted(cuts), 1.0]
-    return [
-        StereoEvents(a, b, left.between(a, b), right.between(a, b)) for a, b in pairwise(edges)
-    ]
+    return [StereoEvents(a, b, left.between(a, b), right.between(a, b)) for a, b in pairwise(edges)]
 
 
 def clusters(

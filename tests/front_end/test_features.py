@@ -52,9 +52,7 @@ def test_masks_ignore_a_constant_image() -> None:
 
 @pytest.mark.parametrize("image", images())
 @pytest.mark.parametrize("radius", [1, 3, 5])
-def test_every_feature_is_an_extremum_of_its_window(
-    image: NDArray[np.uint8], radius: int
-) -> None:
+def test_every_feature_is_an_extremum_of_its_window(image: NDArray[np.uint8], radius: int) -> None:
     points, kinds, strengths = extrema(image, radius, 50.0)
     assert len(points) > 10
     largest = (255 * 16, 255 * 16, 255 * 8, 255 * 8)

@@ -68,7 +68,9 @@ def test_quads_recover_flow_and_disparity(dx: int, dy: int, disparity: int, clos
     assert len(np.unique(quads[:, 0])) == len(quads)
 
 
-def found_share(disparity: int, row_shift: int, flow: int, config: DescriptorTrackerConfig) -> float:
+def found_share(
+    disparity: int, row_shift: int, flow: int, config: DescriptorTrackerConfig
+) -> float:
     """Share of the left features whose quad is the true one."""
     current = stereo_features((flow, 0), (flow - disparity, row_shift))
     previous = stereo_features((0, 0), (-disparity, row_shift))

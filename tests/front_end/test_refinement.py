@@ -4,44 +4,56 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from front_end_scenes import HEIGHT, WIDTH, Texture
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, shift
 
 from gpvo.features import extrema, gradients
 from gpvo.refinement import REACH, _parabola_minimum, patches, refine
 
-TEXTURE = Texture(5)
+NOISE = gaussian_filter(np.random.default_rng(1).normal(size=(300, 360)), 2.0)
 
 
-def reference_points() -> np.ndarray:
-    points, _, strength = extrema(TEXTURE.grey(), 3, 50.0)
-    inside = ((points > 15) & (points < np.array([WIDTH, HEIGHT]) - 15)).all(axis=1)
-    return points[inside & (strength > 0.02)]
+def image(dx: float = 0.0, dy: float = 0.0) -> NDArray[np.uint8]:
+    """Smooth noise moved by (dx, dy) pixels."""
+    moved = shift(128 + 400 * NOISE, (dy, dx), order=5)
+    return np.clip(np.rint(moved[60:240, 60:300]), 0, 255).astype(np.uint8)
+
+
+def distinct_points() -> NDArray[np.int32]:
+    points, _, strength = extrema(image(), 3, 50.0)
+    inside = ((points > 15) & (points < np.array(image().shape[::-1]) - 15)).all(axis=1)
+    return points[inside & (strength > 0.05)]
 
 
 @given(st.integers(-2, 2), st.integers(-2, 2))
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=10)
 def test_whole_pixel_shifts_are_found_exactly(dx: int, dy: int) -> None:
-    points = reference_points()
-    still, moved = gradients(TEXTURE.grey()), gradients(TEXTURE.grey(dx, dy))
+    points, still = distinct_points(), gradients(image())
     reference = patches(still, points)
     at_home, found_at_home = refine(still, points, reference)
-    position, found = refine(moved, points, reference)
+    position, found = refine(gradients(image(dx, dy)), points, reference)
     both = found & found_at_home
-    assert len(points) > 80 and both.mean() > 0.9
-    np.testing.assert_allclose(position[both] - at_home[both], np.tile([dx, dy], (both.sum(), 1)))
+    assert both.mean() > 0.95
+    np.testing.assert_allclose(position[both], at_home[both] + [dx, dy], atol=1e-9)
 
 
-@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
-@settings(deadline=None, max_examples=15)
-def test_sub_pixel_shifts_are_found_to_a_fifth_of_a_pixel(dx: float, dy: float) -> None:
-    points = reference_points()
-    reference = patches(gradients(TEXTURE.grey()), points)
-    position, found = refine(gradients(TEXTURE.grey(dx, dy)), points, reference)
-    error = np.linalg.norm(position[found] - points[found] - [dx, dy], axis=1)
-    bias = np.median(position[found] - points[found] - [dx, dy],axis=0)
-    print(dx,dy,found.mean(), np.median(error), np.quantile(error, 0.9), error.max(),bias)
+@pytest.mark.parametrize("moved", [(0.25, 0.0), (0.0, -0.4), (0.5, 0.5), (-0.3, 0.4), (1.2, -0.7)])
+def test_sub_pixel_shifts_are_found(moved: tuple[float, float]) -> None:
+    """To 0.2 pixels in the median, 0.45 in nine of ten.
+
+    Absolute differences have a sharper minimum than the parabola through them, which pulls it to
+    whole pixels, by less than 0.1 pixels.
+    """
+    points = distinct_points()
+    reference = patches(gradients(image()), points)
+    position, found = refine(gradients(image(*moved)), points, reference)
+    error = (position - points - moved)[found]
+    distance = np.linalg.norm(error, axis=1)
+    assert len(points) > 500 and found.mean() > 0.7
+    assert np.median(distance) < 0.2 and np.quantile(distance, 0.9) < 0.45
+    assert (np.abs(np.median(error, axis=0)) < 0.1).all()
 
 
 @given(st.integers(0, 2**32))
@@ -61,7 +73,8 @@ def test_parabola_is_the_least_squares_one(seed: int) -> None:
     a, b, c, d, e, _ = np.linalg.lstsq(design, around.ravel())[0]
     minimum = np.linalg.solve([[2 * a, c], [c, 2 * b]], [-d, -e])
     assert found.all()
-    np.testing.assert_allclose(position[0], [50, 60] + minimum + [column - 3, row - 3])
+    minimum += np.array([column - 3, row - 3])
+    np.testing.assert_allclose(position[0] - [50, 60], minimum, atol=1e-9)
 
 
 def test_a_quadratic_cost_is_minimized_exactly() -> None:
@@ -72,16 +85,16 @@ def test_a_quadratic_cost_is_minimized_exactly() -> None:
     np.testing.assert_allclose(position, [[10.3, 18.6]], atol=1e-12)
 
 
-@pytest.mark.parametrize("shift", [(5, 0), (-5, 0), (0, 5), (0, -5)])
-def test_minima_on_the_border_of_the_search_are_not_found(shift: tuple[int, int]) -> None:
+@pytest.mark.parametrize("at", [(5, 0), (-5, 0), (0, 5), (0, -5)])
+def test_minima_on_the_border_of_the_search_are_not_found(at: tuple[int, int]) -> None:
     y, x = np.mgrid[-3:4, -3:4].astype(np.float64)
-    costs = (x - shift[0]) ** 2 + (y - shift[1]) ** 2
+    costs = (x - at[0]) ** 2 + (y - at[1]) ** 2
     assert not _parabola_minimum(costs[None], np.zeros((1, 2), np.int32))[1].any()
 
 
 def test_points_near_the_images_border_stay_and_are_not_found() -> None:
-    gradient = gradients(TEXTURE.grey())
-    last = np.array([WIDTH, HEIGHT]) - REACH
+    gradient = gradients(image())
+    last = np.array(gradient.shape[1::-1]) - REACH
     points = np.array([[REACH - 1, 50], [last[0], 50], [50, REACH - 1], [50, last[1]], [0, 0]])
     position, found = refine(gradient, points.astype(np.int32), np.zeros((5, 16), np.uint8))
     assert not found.any()
@@ -90,5 +103,5 @@ def test_points_near_the_images_border_stay_and_are_not_found() -> None:
 
 def test_no_points_are_no_error() -> None:
     nothing = np.empty((0, 2), np.int32)
-    gradient = gradients(TEXTURE.grey())
+    gradient = gradients(image())
     assert len(refine(gradient, nothing, patches(gradient, nothing))[0]) == 0

@@ -1,0 +1,146 @@
+"""Both trackers follow a textured plane, and a landmark stays the same point of it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from front_end_scenes import HEIGHT, WIDTH, Image, MovingPlane, Texture, cluster_of
+from numpy.typing import NDArray
+
+from gpvo.config import TrackingConfig
+from gpvo.descriptor_tracking import NO_LANDMARK, DescriptorTracker
+from gpvo.observations import Observations
+from gpvo.tracking import MultiResolutionTracker, to_full_resolution
+
+TRACKERS = ["patch", "descriptor"]
+FRAMES = 6
+# Body twists per frame: to the side, ahead, and turning.
+TWISTS = {
+    "side": np.array([0, 0, 0, 0.03, -0.02, 0]),
+    "ahead": np.array([0, 0, 0, 0, 0, 0.03]),
+    "turn": np.array([0.004, -0.01, 0.02, 0.01, 0, 0.01]),
+}
+PLANES = {name: MovingPlane(Texture(7), twist) for name, twist in TWISTS.items()}
+
+
+@cache
+def images(motion: str, frame: int) -> tuple[Image, Image]:
+    return PLANES[motion].images(frame)
+
+
+@cache
+def track(
+    tracker: str, motion: str, resolutions: tuple[int, ...] = (1, 2), blank: int | None = None
+) -> Observations:
+    """All observations of a moving plane; frame `blank` shows nothing."""
+    tracking = MultiResolutionTracker(
+        TrackingConfig.model_validate({"tracker": tracker, "resolutions": resolutions})
+    )
+    parts = []
+    for frame in range(FRAMES):
+        left, right = images(motion, frame)
+        shown = frame != blank
+        parts.append(tracking.track(cluster_of(left * shown, right * shown, 0.1 * frame)))
+    return Observations.concatenate(parts)
+
+
+def errors(plane: MovingPlane, seen: Observations) -> tuple[NDArray, NDArray]:
+    """Distance (N,) from where the landmark's first sighting puts it, and disparity error (N,)."""
+    points, disparity = np.empty((len(seen), 3)), np.empty(len(seen))
+    for frame in range(FRAMES):
+        now = seen.frame == frame
+        points[now] = plane.plane_points(frame, seen.left[now])
+        disparity[now] = plane.project(frame, points[now])[:, 2]
+    order = np.lexsort((seen.frame, seen.landmark))
+    landmark, first = np.unique(seen.landmark[order], return_index=True)
+    anchor = points[order[first]][np.searchsorted(landmark, seen.landmark)]
+    expected = np.empty((len(seen), 2))
+    for frame in range(FRAMES):
+        now = seen.frame == frame
+        expected[now] = plane.project(frame, anchor[now])[:, :2]
+    return np.linalg.norm(seen.left - expected, axis=1), np.abs(seen.disparity - disparity)
+
+
+@pytest.mark.parametrize("motion", TWISTS)
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_landmarks_stay_the_same_point_of_the_plane(tracker: str, motion: str) -> None:
+    seen = track(tracker, motion)
+    drift, disparity_error = errors(PLANES[motion], seen)
+    assert np.median(drift) < 0.3 and (drift < 2).mean() > 0.95
+    assert np.median(disparity_error) < 0.25 and (disparity_error < 2).mean() > 0.98
+    sightings = np.unique(seen.landmark, return_counts=True)[1]
+    assert (sightings >= FRAMES - 1).sum() > 200
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_a_landmark_is_seen_once_per_frame(tracker: str) -> None:
+    seen = track(tracker, "turn")
+    pairs = np.column_stack([seen.landmark, seen.frame])
+    assert len(np.unique(pairs, axis=0)) == len(pairs)
+    assert (seen.disparity > 0).all()
+    assert ((seen.left >= -0.5) & (seen.left < [WIDTH + 0.5, HEIGHT + 0.5])).all()
+    assert set(seen.frame) == set(range(FRAMES))
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_tracking_is_deterministic(tracker: str) -> None:
+    first, again = track(tracker, "side"), track.__wrapped__(tracker, "side")
+    for name in ("landmark", "frame", "left", "right"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_resolutions_are_tracked_independently(tracker: str) -> None:
+    both = track(tracker, "side", (1, 2))
+    for index, resolution in enumerate((1, 2)):
+        alone = track(tracker, "side", (resolution,))
+        mine = both.landmark % 2 == index
+        np.testing.assert_array_equal(both.landmark[mine] // 2, alone.landmark)
+        np.testing.assert_array_equal(both.left[mine], alone.left)
+        np.testing.assert_array_equal(both.right[mine], alone.right)
+        assert len(alone) > 50
+
+
+def test_half_resolution_pixels_are_the_centre_of_four() -> None:
+    four = np.array([[6.0, 8], [7, 8], [6, 9], [7, 9]])
+    np.testing.assert_array_equal(to_full_resolution(np.array([[3.0, 4]]), 2)[0], four.mean(axis=0))
+    np.testing.assert_array_equal(to_full_resolution(four, 1), four)
+
+
+@pytest.mark.parametrize("blank", [0, 2, FRAMES - 1])
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_a_cluster_without_events_is_no_error(tracker: str, blank: int) -> None:
+    seen = track(tracker, "side", (1,), blank)
+    assert not (seen.frame == blank).any()
+    assert len(np.unique(seen.frame)) == FRAMES - 1
+
+
+def test_descriptor_tracklets_reach_over_a_blank_frame() -> None:
+    seen = track("descriptor", "side", (1,), 2)
+    before, after = (set(seen.landmark[seen.frame == frame]) for frame in (1, 3))
+    assert len(before & after) > 20
+
+
+def test_descriptor_tracker_forgets_landmarks_out_of_reach() -> None:
+    config = TrackingConfig.model_validate({"tracker": "descriptor", "earlier_frames": 2})
+    tracker, counts = DescriptorTracker(config), []
+    for frame in [0, 1, 2, 3, 4, 5, 4, 3, 2, 1, 0]:
+        tracker.track(*images("side", frame))
+        counts.append(len(tracker._references))
+        within_reach = {int(k) for seen in tracker._frames for k in seen.landmark} - {NO_LANDMARK}
+        assert set(tracker._references) == within_reach
+    assert 0 < counts[-1] < tracker._landmark_count
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_swapped_cameras_have_no_landmarks(tracker: str) -> None:
+    """A negative disparity is never a match; what is left is chance."""
+    tracking = MultiResolutionTracker(TrackingConfig.model_validate({"tracker": tracker}))
+    found = 0
+    for frame in range(3):
+        left, right = images("side", frame)
+        found += len(tracking.track(cluster_of(right, left)))
+    honest = (track(tracker, "side").frame < 3).sum()
+    assert found < 0.1 * honest

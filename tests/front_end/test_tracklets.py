@@ -1,0 +1,265 @@
+"""Feature times by brute force; the four filters at their thresholds; what is kept and given."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from gpvo.clustering import EventImage, StereoCluster
+from gpvo.config import TrackletConfig
+from gpvo.observations import Observations
+from gpvo.tracklets import Measurements, Tracklets, feature_times
+
+HEIGHT, WIDTH = 60, 80
+seeds = st.integers(0, 2**32)
+# (landmark, u, v, disparity, t_left, t_right) of one sighting
+Sighting = tuple[int, float, float, float, float, float]
+
+
+def random_surface(rng: np.random.Generator, events: int) -> NDArray[np.float64]:
+    surface = np.full((HEIGHT, WIDTH), -np.inf)
+    pixels = rng.choice(surface.size, events, replace=False)
+    surface.flat[pixels] = rng.random(events)
+    return surface
+
+
+def distances(surface: NDArray[np.float64], point: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+    """Distances from a point to all events, and the events' times."""
+    row, column = np.nonzero(np.isfinite(surface))
+    return np.hypot(column - point[0], row - point[1]), surface[row, column]
+
+
+@given(seeds, st.sampled_from([1, 2, 30, 1500]))
+@settings(deadline=None, max_examples=60)
+def test_time_is_that_of_the_nearest_event(seed: int, events: int) -> None:
+    rng = np.random.default_rng(seed)
+    surface = random_surface(rng, events)
+    points = rng.uniform([-0.5, -0.5], [WIDTH + 0.5, HEIGHT + 0.5], (20, 2))
+    for point, time in zip(points, feature_times(surface, points, 0.0), strict=True):
+        distance, times = distances(surface, point)
+        assert time == times[distance.argmin()]
+
+
+@given(seeds, st.sampled_from([1, 30, 1500]), st.sampled_from([0.5, 1.0, 5.0, 7.3]))
+@settings(deadline=None, max_examples=60)
+def test_time_is_the_mean_within_the_radius(seed: int, events: int, radius: float) -> None:
+    rng = np.random.default_rng(seed)
+    surface = random_surface(rng, events)
+    points = rng.uniform([-0.5, -0.5], [WIDTH + 0.5, HEIGHT + 0.5], (20, 2))
+    points[:10] = np.rint(points[:10])  # the circle's edge runs through pixels
+    for point, time in zip(points, feature_times(surface, points, radius), strict=True):
+        distance, times = distances(surface, point)
+        near = distance <= radius
+        if near.any():
+            np.testing.assert_allclose(time, times[near].mean(), rtol=1e-12)
+        else:
+            assert time in times[np.isclose(distance, distance.min())]
+
+
+def test_an_empty_surface_has_no_times() -> None:
+    surface = np.full((HEIGHT, WIDTH), -np.inf)
+    assert np.isnan(feature_times(surface, np.array([[3.0, 4.0]]), 5.0)).all()
+
+
+# Every threshold is a binary fraction, so that "at the threshold" is exact.
+CONFIG = TrackletConfig(
+    time_radius=0,
+    max_stereo_time_difference=1 / 64,
+    min_disparity=2.0,
+    min_length=5.0,
+    min_duration=1 / 16,
+    history=4,
+)
+
+
+def add(tracklets: Tracklets, frame: int, *sightings: Sighting) -> None:
+    """Add a cluster that shows each landmark's events at the times given."""
+    left, right = (np.full((HEIGHT, WIDTH), -np.inf) for _ in range(2))
+    for _, u, v, disparity, t_left, t_right in sightings:
+        left[int(v), int(u)] = t_left
+        right[int(v), int(u - disparity)] = t_right
+    columns = np.array(sightings, np.float64).reshape(-1, 6)
+    points = columns[:, 1:3]
+    tracklets.add(
+        StereoCluster(frame / 8, (frame + 1) / 8, EventImage(left, 0), EventImage(right, 0)),
+        Observations(
+            columns[:, 0].astype(np.int64),
+            np.full(len(columns), frame),
+            points,
+            points - np.column_stack([columns[:, 3], np.zeros(len(columns))]),
+        ),
+    )
+
+
+def two_sightings(
+    stereo_time: float = 0.0,
+    disparity: float = 8.0,
+    motion: tuple[float, float] = (6.0, 0.0),
+    duration: float = 1 / 8,
+) -> tuple[Measurements, int]:
+    """What is given of a landmark seen twice, and in how many segments it is."""
+    tracklets = Tracklets(CONFIG)
+    add(tracklets, 0, (3, 30, 20, disparity, 1.0, 1.0 + stereo_time))
+    t = 1.0 + duration
+    add(tracklets, 1, (3, 30 + motion[0], 20 + motion[1], disparity, t, t + stereo_time))
+    segments, landmarks = tracklets.segments(span=1)
+    assert len(segments) == len(landmarks)
+    return tracklets.take(np.array([3])), len(segments)
+
+
+@pytest.mark.parametrize(
+    ("sightings", "passes"),
+    [
+        ({"stereo_time": 1 / 64}, True),
+        ({"stereo_time": -1 / 64}, True),
+        ({"stereo_time": 1 / 64 + 1e-9}, False),
+        ({"stereo_time": -1 / 64 - 1e-9}, False),
+        ({"disparity": 2.0}, True),
+        ({"disparity": 2.0 - 1e-9}, False),
+        ({"motion": (3.0, 4.0)}, True),
+        ({"motion": (-3.0, -4.0)}, True),
+        ({"motion": (3.0, 4.0 - 1e-9)}, False),
+        ({"duration": 1 / 16}, True),
+        ({"duration": 1 / 16 - 1e-9}, False),
+        ({"duration": -1 / 8}, True),
+    ],
+)
+def test_filters_at_their_thresholds(sightings: dict, passes: bool) -> None:
+    measurements, segments = two_sightings(**sightings)
+    assert len(measurements) == (2 if passes else 0)
+    in_order = sightings.get("duration", 1) > 0
+    assert segments == (1 if passes and in_order else 0)
+
+
+def test_measurements_are_stereo_pixels_at_the_left_event() -> None:
+    measurements, _ = two_sightings(stereo_time=1 / 128)
+    np.testing.assert_array_equal(measurements.t, [1.0, 1.125])
+    np.testing.assert_array_equal(measurements.stereo, [[30, 20, 8], [36, 20, 8]])
+    np.testing.assert_array_equal(measurements.landmark, [3, 3])
+    np.testing.assert_array_equal(measurements.frame, [0, 1])
+
+
+def moving(landmark: int, frame: int, speed: float = 4.0) -> Sighting:
+    """A landmark on a row of its own that is seen at frame/8 and a bit."""
+    t = frame / 8 + landmark / 1024
+    return landmark, 20 + speed * frame, 5.0 * landmark + 5, 8.0, t, t
+
+
+ALL = np.arange(10)
+
+
+def test_take_gives_every_measurement_once() -> None:
+    tracklets, given = Tracklets(CONFIG), []
+    for frame in range(6):
+        add(tracklets, frame, *(moving(landmark, frame) for landmark in range(3)))
+        given.append(tracklets.take(ALL))
+    assert [len(g) for g in given] == [0, 0, 9, 3, 3, 3]
+    everything = Measurements.concatenate(given)
+    pairs = np.column_stack([everything.landmark, everything.frame])
+    assert len(np.unique(pairs, axis=0)) == 18
+    assert len(tracklets.take(ALL)) == 0
+
+
+def test_take_gives_only_the_landmarks_asked_for() -> None:
+    tracklets = Tracklets(CONFIG)
+    for frame in range(3):
+        add(tracklets, frame, *(moving(landmark, frame) for landmark in range(3)))
+    assert set(tracklets.take(np.array([0, 2])).landmark) == {0, 2}
+    assert set(tracklets.take(ALL).landmark) == {1}
+
+
+def test_reject_forgets_the_newest_measurements_alone() -> None:
+    tracklets = Tracklets(CONFIG)
+    for frame in range(3):
+        add(tracklets, frame, *(moving(landmark, frame) for landmark in range(2)))
+    tracklets.reject(np.array([0]))
+    assert tracklets.segments(span=4)[1].tolist() == [1]
+    add(tracklets, 3, moving(0, 3))
+    taken = tracklets.take(ALL)
+    assert taken.frame[taken.landmark == 0].tolist() == [0, 1, 3]
+    assert taken.frame[taken.landmark == 1].tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("span", [1, 2, 3])
+def test_segments_end_in_the_newest_cluster_and_stay_within_the_span(span: int) -> None:
+    tracklets = Tracklets(CONFIG)
+    for frame in range(4):
+        seen = [moving(0, frame), moving(1, frame)]
+        if frame != 3:
+            seen.append(moving(2, frame))  # lost in the newest
+        if frame == 0:
+            seen.append(moving(3, frame))  # not seen for long
+        add(tracklets, frame, *seen)
+    segments, landmarks = tracklets.segments(span)
+    assert landmarks.tolist() == [0, 1]
+    np.testing.assert_array_equal(segments.dt, [span / 8] * 2)
+    np.testing.assert_array_equal(segments.later[:, 0], [20 + 4 * 3] * 2)
+    np.testing.assert_array_equal(segments.earlier[:, 0], [20 + 4 * (3 - span)] * 2)
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=30)
+def test_any_segment_has_a_positive_time_and_two_measurements(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tracklets, span = Tracklets(CONFIG), int(rng.integers(1, 5))
+    for frame in range(6):
+        seen = rng.permutation(10)[: rng.integers(0, 10)]
+        times = frame / 8 + rng.uniform(-0.2, 0.2, len(seen))
+        add(
+            tracklets,
+            frame,
+            *(
+                (int(k), rng.uniform(12, 70), 5.0 * k + 5, 8.0, t, t)
+                for k, t in zip(seen, times, strict=True)
+            ),
+        )
+        segments, landmarks = tracklets.segments(span)
+        assert (segments.dt > 0).all() and len(np.unique(landmarks)) == len(landmarks)
+        newest = dict(zip(seen.tolist(), times, strict=True))
+        assert set(landmarks.tolist()) <= set(newest)
+        tracklets.reject(rng.permutation(10)[:2])
+        tracklets.take(landmarks)
+
+
+def test_history_is_limited() -> None:
+    """Slow landmarks need the older clusters to be long enough; they must not be too old."""
+    for frames, expected in ((3, 0), (4, 4), (5, 4), (9, 4)):
+        tracklets = Tracklets(CONFIG)
+        for frame in range(frames):
+            add(tracklets, frame, moving(0, frame, speed=2.0))
+        assert len(tracklets.take(ALL)) == expected
+
+
+def test_observations_of_earlier_clusters_are_timed_there() -> None:
+    """The descriptor tracker extends tracklets backwards."""
+    tracklets = Tracklets(CONFIG)
+    first, second = moving(0, 0), moving(0, 2)
+    left = np.full((HEIGHT, WIDTH), -np.inf)
+    for frame, (_, u, v, _, t, _) in ((0, first), (2, second)):
+        left[:] = -np.inf
+        left[int(v), int(u)] = t
+        cluster = StereoCluster(frame / 8, frame / 8 + 1 / 8, *[EventImage(left.copy(), 0)] * 2)
+        points = np.array([[s[1], s[2]] for s in (first, second)])
+        seen = Observations(np.zeros(2, int), np.array([0, 1]), points, points - [8.0, 0])
+        tracklets.add(
+            cluster, seen if frame == 2 else Observations(*(a[:0] for a in vars(seen).values()))
+        )
+    taken = tracklets.take(ALL)
+    assert taken.frame.tolist() == [0, 1]
+    np.testing.assert_array_equal(taken.t, [first[4], second[4]])
+
+
+def test_observations_without_events_are_dropped() -> None:
+    tracklets, nothing = Tracklets(CONFIG), np.full((HEIGHT, WIDTH), -np.inf)
+    point = np.array([[20.0, 20.0]])
+    for frame in range(3):
+        tracklets.add(
+            StereoCluster(frame / 8, (frame + 1) / 8, *[EventImage(nothing, 0)] * 2),
+            Observations(
+                np.array([0]), np.array([frame]), point + 5 * frame, point + 5 * frame - [8, 0]
+            ),
+        )
+        assert len(tracklets.segments(4)[0]) == len(tracklets.take(ALL)) == 0
