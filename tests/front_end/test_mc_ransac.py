@@ -104,7 +104,7 @@ def test_outliers_are_told_from_inliers(seed: int) -> None:
     """Half of the segments are wrong, all are noisy: found are those that the truth explains."""
     rng = np.random.default_rng(seed)
     true = random_velocity(rng)
-    exact, good = with_outliers(rng, random_segments(rng, 120, true), 0.5)
+    exact, good = with_outliers(rng, random_segments(rng, 120, true, SHORT), 0.5)
     segments = noisy(rng, exact, np.array([0.2, 0.2, 0.1]))
     config = McRansacConfig(iterations=3000)
     _, inliers = found_by(segments, config)
