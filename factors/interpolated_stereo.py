@@ -6,8 +6,9 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.kernels import Array, add_block_kernel, kernel, multiply_kernel
+from factors.kernels import Array, copy_kernel, kernel, multiply_kernel
 from factors.local import (
+    EXACT,
     hermite_weights,
     interpolated_local_kernel,
     local_by_states_kernel,
@@ -42,9 +43,9 @@ def _linearized_kernel(
     stereo = reprojection_kernel(T, landmark, measured, camera)
     result = np.zeros((3, 28))
     if derivatives:
-        by_states_j = local_jacobian_kernel(local_j, v_j, False)
+        by_states_j = local_jacobian_kernel(local_j, v_j, EXACT)
         by_states = pose_by_states_kernel(local, local_by_states_kernel(by_states_j, weights))
-        add_block_kernel(result, 0, 0, 1.0, multiply_kernel(stereo, by_states))
+        copy_kernel(multiply_kernel(stereo, by_states), result)
     for i in range(3):
         for j in range(4):
             result[i, 24 + j] = stereo[i, 6 + j]

@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.kernels import Array, kernel
+from factors.kernels import Array, copy_kernel, kernel
 from factors.local import (
+    EXACT,
     backward_adjoint_kernel,
     hermite_weights,
     interpolated_local_kernel,
@@ -93,7 +94,9 @@ def _interpolate_batch(
 ) -> None:
     for n in range(len(a)):
         local_j = local_state_kernel(T_i[n], T_j[n], v_j[n])
-        local[n] = interpolated_local_kernel(v_i[n], local_j, hermite_weights(a[n], b[n]))
+        between = interpolated_local_kernel(v_i[n], local_j, hermite_weights(a[n], b[n]))
+        for i in range(12):
+            local[n, i] = between[i]
 
 
 @kernel
@@ -102,8 +105,9 @@ def _local_by_states_batch(
 ) -> None:
     for n in range(len(a)):
         local_j = local_state_kernel(T_i[n], T_j[n], v_j[n])
-        by_states_j = local_jacobian_kernel(local_j, v_j[n], False)
-        derivatives[n] = local_by_states_kernel(by_states_j, hermite_weights(a[n], b[n]))
+        by_states_j = local_jacobian_kernel(local_j, v_j[n], EXACT)
+        weights = hermite_weights(a[n], b[n])
+        copy_kernel(local_by_states_kernel(by_states_j, weights), derivatives[n])
 
 
 def bridge_covariance(a: Array, b: Array) -> Array:
@@ -136,8 +140,8 @@ def _moved_covariance(local: Array, by_states: Array, states: Array, bridge: Arr
 @kernel
 def _moved_jacobian_batch(local: Array, by_local: Array, by_pose_i: Array) -> None:
     for n in range(len(local)):
-        by_local[n] = moved_jacobian_kernel(local[n])
-        by_pose_i[n] = backward_adjoint_kernel(local[n])
+        copy_kernel(moved_jacobian_kernel(local[n]), by_local[n])
+        copy_kernel(backward_adjoint_kernel(local[n]), by_pose_i[n])
 
 
 def _moved_state(

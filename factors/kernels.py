@@ -19,9 +19,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-kernel = njit(cache=True, error_model="numpy")
+# Compilation is what a first user waits for. Wrappers that nobody calls are left out, and kernels
+# take no integers, as each literal one would be compiled by itself.
+kernel = njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)
+inner_kernel = njit(  # called by kernels only
+    cache=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True
+)
 
-ADJOINT, JACOBIAN, INVERSE = 1, 2, 3  # which 1 + p W + q W^2
 LEFT, RIGHT = 1.0, -1.0  # the right ones are the left ones of -xi and have -p
 
 _SERIES_TERMS = 14  # 1e-17 of the first at an angle of pi
@@ -29,7 +33,7 @@ _SERIES_LIMIT = 10.0  # squared angle, a little above pi^2
 _INVERSE_FACTORIAL = np.array([1 / factorial(n) for n in range(2 * _SERIES_TERMS + 9)])
 
 
-@kernel
+@inner_kernel
 def stumpff_kernel(s: float) -> Array:
     """(3, 9) Stumpff functions c_n(s) = sum_m (-s)^m / (2m + n)! and two derivatives, n = 0..8.
 
@@ -54,28 +58,41 @@ def stumpff_kernel(s: float) -> Array:
     return c
 
 
-@kernel
-def coefficients_kernel(xi: Array, which: int, side: float) -> Array:
-    """(3, 2) p and q of 1 + p W + q W^2 and their first two derivatives by the squared angle.
-
-    `which` is ADJOINT, JACOBIAN or INVERSE; `side` is LEFT or RIGHT.
-    """
+@inner_kernel
+def jacobian_coefficients_kernel(xi: Array, side: float) -> Array:
+    """(3, 2) p and q of the Jacobian and their two derivatives by s; `side` is LEFT or RIGHT."""
     c = stumpff_kernel(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
-    k = np.zeros((3, 2))
-    if which == INVERSE:
-        k[0, 0] = -0.5 * side
-        half = 2 * c[0, 2]
-        q = (c[0, 3] - 2 * c[0, 4]) / half
-        slope = (c[1, 3] - 2 * c[1, 4]) / half + q * q
-        k[2, 1] = (c[2, 3] - 2 * c[2, 4]) / half + 3 * q * slope - q * q * q
-        k[0, 1], k[1, 1] = q, slope
-    else:
-        for n in range(3):
-            k[n, 0], k[n, 1] = side * c[n, which], c[n, which + 1]
+    k = np.empty((3, 2))
+    for n in range(3):
+        k[n, 0], k[n, 1] = side * c[n, 2], c[n, 3]
     return k
 
 
-@kernel
+@inner_kernel
+def inverse_coefficients_kernel(xi: Array, side: float) -> Array:
+    """(3, 2) p and q of the Jacobian's inverse and their two derivatives by s."""
+    c = stumpff_kernel(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
+    k = np.zeros((3, 2))
+    k[0, 0] = -0.5 * side
+    half = 2 * c[0, 2]
+    q = (c[0, 3] - 2 * c[0, 4]) / half
+    slope = (c[1, 3] - 2 * c[1, 4]) / half + q * q
+    k[0, 1], k[1, 1] = q, slope
+    k[2, 1] = (c[2, 3] - 2 * c[2, 4]) / half + 3 * q * slope - q * q * q
+    return k
+
+
+@inner_kernel
+def adjoint_coefficients_kernel(xi: Array, side: float) -> Array:
+    """(3, 2) p and q of the adjoint of Exp(xi), or of Exp(-xi) on the RIGHT, and derivatives."""
+    c = stumpff_kernel(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
+    k = np.empty((3, 2))
+    for n in range(3):
+        k[n, 0], k[n, 1] = side * c[n, 1], c[n, 2]
+    return k
+
+
+@inner_kernel
 def polynomial_kernel(xi: Array, k: Array) -> Array:
     """(6, 6) matrix 1 + p W + q W^2 of a twist, W^2 = phi phi^T - s, on dual numbers."""
     p, q = k[0, 0], k[0, 1]
@@ -89,16 +106,11 @@ def polynomial_kernel(xi: Array, k: Array) -> Array:
             M[3 + i, j] = q * (xi[3 + i] * xi[j] + xi[i] * xi[3 + j]) + dq * xi[i] * xi[j]
         M[i, i] += 1 - q * s
         M[3 + i, i] -= q * ds + dq * s
-    add_cross_kernel(M, 0, p, xi, 0)
-    add_cross_kernel(M, 3, p, xi, 3)
-    add_cross_kernel(M, 3, dp, xi, 0)
-    for i in range(3):
-        for j in range(3):
-            M[3 + i, 3 + j] = M[i, j]
+    _add_cross_kernel(M, p, dp, xi)
     return M
 
 
-@kernel
+@inner_kernel
 def polynomial_derivative_kernel(xi: Array, k: Array, w: Array) -> Array:
     """(6, 6) derivative of (1 + p W + q W^2) w by xi, w (6,) fixed.
 
@@ -127,30 +139,30 @@ def polynomial_derivative_kernel(xi: Array, k: Array, w: Array) -> Array:
             D[3 + i, j] = q * douter + dq * outer + 2 * (du * xi[j] + u * xi[3 + j])
         D[i, i] += q * dot
         D[3 + i, i] += q * ddot + dq * dot
-    add_cross_kernel(D, 0, -p, w, 0)
-    add_cross_kernel(D, 3, -p, w, 3)
-    add_cross_kernel(D, 3, -dp, w, 0)
-    for i in range(3):
-        for j in range(3):
-            D[3 + i, 3 + j] = D[i, j]
+    _add_cross_kernel(D, -p, -dp, w)
     return D
 
 
-@kernel
-def add_cross_kernel(M: Array, row: int, factor: float, x: Array, first: int) -> None:
-    """Add factor times the cross product matrix of x[first : first + 3] to M[row : row + 3, :3]."""
+@inner_kernel
+def _add_cross_kernel(M: Array, p: float, dp: float, x: Array) -> None:
+    """Add p + eps dp times the cross product matrix of x, and copy the upper block to the lower."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        M[row + k, j] += factor * x[first + i]
-        M[row + j, k] -= factor * x[first + i]
+        M[k, j] += p * x[i]
+        M[j, k] -= p * x[i]
+        M[3 + k, j] += p * x[3 + i] + dp * x[i]
+        M[3 + j, k] -= p * x[3 + i] + dp * x[i]
+    for i in range(3):
+        for j in range(3):
+            M[3 + i, 3 + j] = M[i, j]
 
 
-@kernel
+@inner_kernel
 def exp_kernel(xi: Array) -> Array:
     """(4, 4) transform of a twist."""
-    k = coefficients_kernel(xi, ADJOINT, LEFT)
+    k = adjoint_coefficients_kernel(xi, LEFT)
     rotation = polynomial_kernel(xi, k)
-    k = coefficients_kernel(xi, JACOBIAN, LEFT)
+    k = jacobian_coefficients_kernel(xi, LEFT)
     jacobian = polynomial_kernel(xi, k)
     T = np.zeros((4, 4))
     for i in range(3):
@@ -161,18 +173,18 @@ def exp_kernel(xi: Array) -> Array:
     return T
 
 
-@kernel
+@inner_kernel
 def log_kernel(T: Array) -> Array:
     """(6,) twist of a transform, rotation angle at most pi."""
     xi = np.zeros(6)
     _rotation_log(T, xi)
-    inverse = polynomial_kernel(xi, coefficients_kernel(xi, INVERSE, LEFT))
+    inverse = polynomial_kernel(xi, inverse_coefficients_kernel(xi, LEFT))
     for i in range(3):
         xi[3 + i] = inverse[i, 0] * T[0, 3] + inverse[i, 1] * T[1, 3] + inverse[i, 2] * T[2, 3]
     return xi
 
 
-@kernel
+@inner_kernel
 def _rotation_log(T: Array, xi: Array) -> None:
     """Rotation vector into xi[:3], by the quaternion with the largest component (Shepperd)."""
     trace = T[0, 0] + T[1, 1] + T[2, 2]
@@ -199,7 +211,7 @@ def _rotation_log(T: Array, xi: Array) -> None:
         xi[n] = scale * q[n]
 
 
-@kernel
+@inner_kernel
 def relative_kernel(T_i: Array, T_j: Array) -> Array:
     """(4, 4) transform T_i^-1 T_j."""
     T = np.zeros((4, 4))
@@ -212,7 +224,7 @@ def relative_kernel(T_i: Array, T_j: Array) -> Array:
     return T
 
 
-@kernel
+@inner_kernel
 def multiply_kernel(A: Array, B: Array) -> Array:
     """A B of two matrices; columns of A beyond the rows of B are left out."""
     C = np.zeros((A.shape[0], B.shape[1]))
@@ -223,9 +235,9 @@ def multiply_kernel(A: Array, B: Array) -> Array:
     return C
 
 
-@kernel
-def add_block_kernel(M: Array, row: int, column: int, factor: float, B: Array) -> None:
-    """Add factor times B to the block of M that starts at (row, column)."""
-    for i in range(B.shape[0]):
-        for j in range(B.shape[1]):
-            M[row + i, column + j] += factor * B[i, j]
+@inner_kernel
+def copy_kernel(A: Array, to: Array) -> None:
+    """Copy one matrix to another; cheaper to compile than a slice assignment."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            to[i, j] = A[i, j]

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.kernels import (
-    INVERSE,
-    JACOBIAN,
     LEFT,
-    RIGHT,
     Array,
-    coefficients_kernel,
+    copy_kernel,
     exp_kernel,
+    inverse_coefficients_kernel,
+    jacobian_coefficients_kernel,
     kernel,
     log_kernel,
     polynomial_kernel,
@@ -44,7 +43,7 @@ def se3_exp(xi: ArrayLike) -> Array:
 @kernel
 def _exp_batch(twists: Array, transforms: Array) -> None:
     for n in range(len(twists)):
-        transforms[n] = exp_kernel(twists[n])
+        copy_kernel(exp_kernel(twists[n]), transforms[n])
 
 
 def se3_log(T: ArrayLike) -> Array:
@@ -58,7 +57,9 @@ def se3_log(T: ArrayLike) -> Array:
 @kernel
 def _log_batch(transforms: Array, twists: Array) -> None:
     for n in range(len(twists)):
-        twists[n] = log_kernel(transforms[n])
+        xi = log_kernel(transforms[n])
+        for i in range(6):
+            twists[n, i] = xi[i]
 
 
 def se3_inverse(T: ArrayLike) -> Array:
@@ -94,36 +95,42 @@ def _lower_triangular(diagonal: Array, below: Array) -> Array:
 
 def se3_left_jacobian(xi: ArrayLike) -> Array:
     """Left Jacobians J (..., 6, 6) of twists (..., 6): Exp(xi + d) = Exp(J d) Exp(xi)."""
-    return _jacobian(xi, JACOBIAN, LEFT)
-
-
-def se3_right_jacobian(xi: ArrayLike) -> Array:
-    """Right Jacobians J (..., 6, 6) of twists (..., 6): Exp(xi + d) = Exp(xi) Exp(J d)."""
-    return _jacobian(xi, JACOBIAN, RIGHT)
-
-
-def se3_left_jacobian_inverse(xi: ArrayLike) -> Array:
-    """Inverse left Jacobians (..., 6, 6) of twists (..., 6); singular at an angle of 2 pi."""
-    return _jacobian(xi, INVERSE, LEFT)
-
-
-def se3_right_jacobian_inverse(xi: ArrayLike) -> Array:
-    """Inverse right Jacobians (..., 6, 6) of twists (..., 6); singular at an angle of 2 pi."""
-    return _jacobian(xi, INVERSE, RIGHT)
-
-
-def _jacobian(xi: ArrayLike, which: int, side: float) -> Array:
     twists = _elements(xi, (6,))
     jacobians = np.empty((*twists.shape, 6))
-    _jacobian_batch(twists.reshape(-1, 6), which, side, jacobians.reshape(-1, 6, 6))
+    _left_jacobian_batch(twists.reshape(-1, 6), jacobians.reshape(-1, 6, 6))
     return jacobians
 
 
 @kernel
-def _jacobian_batch(twists: Array, which: int, side: float, jacobians: Array) -> None:
+def _left_jacobian_batch(twists: Array, jacobians: Array) -> None:
     for n in range(len(twists)):
-        xi = twists[n]
-        jacobians[n] = polynomial_kernel(xi, coefficients_kernel(xi, which, side))
+        jacobian = polynomial_kernel(twists[n], jacobian_coefficients_kernel(twists[n], LEFT))
+        copy_kernel(jacobian, jacobians[n])
+
+
+def se3_right_jacobian(xi: ArrayLike) -> Array:
+    """Right Jacobians J (..., 6, 6) of twists (..., 6): Exp(xi + d) = Exp(xi) Exp(J d)."""
+    return se3_left_jacobian(np.negative(xi))
+
+
+def se3_left_jacobian_inverse(xi: ArrayLike) -> Array:
+    """Inverse left Jacobians (..., 6, 6) of twists (..., 6); singular at an angle of 2 pi."""
+    twists = _elements(xi, (6,))
+    inverses = np.empty((*twists.shape, 6))
+    _left_jacobian_inverse_batch(twists.reshape(-1, 6), inverses.reshape(-1, 6, 6))
+    return inverses
+
+
+@kernel
+def _left_jacobian_inverse_batch(twists: Array, inverses: Array) -> None:
+    for n in range(len(twists)):
+        inverse = polynomial_kernel(twists[n], inverse_coefficients_kernel(twists[n], LEFT))
+        copy_kernel(inverse, inverses[n])
+
+
+def se3_right_jacobian_inverse(xi: ArrayLike) -> Array:
+    """Inverse right Jacobians (..., 6, 6) of twists (..., 6); singular at an angle of 2 pi."""
+    return se3_left_jacobian_inverse(np.negative(xi))
 
 
 def _elements(argument: ArrayLike, element: tuple[int, ...]) -> Array:

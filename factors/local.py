@@ -10,16 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 from factors.kernels import (
-    ADJOINT,
-    INVERSE,
-    JACOBIAN,
     LEFT,
     RIGHT,
     Array,
-    add_block_kernel,
-    coefficients_kernel,
+    adjoint_coefficients_kernel,
     exp_kernel,
-    kernel,
+    inner_kernel,
+    inverse_coefficients_kernel,
+    jacobian_coefficients_kernel,
     log_kernel,
     multiply_kernel,
     polynomial_derivative_kernel,
@@ -27,12 +25,14 @@ from factors.kernels import (
     relative_kernel,
 )
 
+EXACT, FIRST_ORDER = 1.0, 0.0
 
-@kernel
+
+@inner_kernel
 def local_state_kernel(T_i: Array, T_j: Array, v_j: Array) -> Array:
     """(12,) local variables around state i of state j, xi = Log(T_i^-1 T_j) and Jr(xi)^-1 v_j."""
     xi = log_kernel(relative_kernel(T_i, T_j))
-    inverse = polynomial_kernel(xi, coefficients_kernel(xi, INVERSE, RIGHT))
+    inverse = polynomial_kernel(xi, inverse_coefficients_kernel(xi, RIGHT))
     local = np.zeros(12)
     for i in range(6):
         local[i] = xi[i]
@@ -41,30 +41,34 @@ def local_state_kernel(T_i: Array, T_j: Array, v_j: Array) -> Array:
     return local
 
 
-@kernel
-def local_jacobian_kernel(local: Array, v_j: Array, approximate: bool) -> Array:
+@inner_kernel
+def local_jacobian_kernel(local: Array, v_j: Array, higher: float) -> Array:
     """(12, 24) derivative of the local variables by T_i, v_i, T_j, v_j.
 
-    `approximate` gives the paper's first-order E_21 and E_23.
+    `higher` weights what the derivative of Jr(xi)^-1 v_j = v_j + ad(xi) v_j / 2 + ... has beyond
+    the first order: EXACT, or FIRST_ORDER for the paper's E_21 and E_23.
     """
-    k = coefficients_kernel(local, INVERSE, LEFT)
+    k = inverse_coefficients_kernel(local, LEFT)
     left = polynomial_kernel(local, k)
-    k = coefficients_kernel(local, INVERSE, RIGHT)
+    k = inverse_coefficients_kernel(local, RIGHT)
     right = polynomial_kernel(local, k)
-    if approximate:  # Jr(xi)^-1 v_j = v_j + ad(xi) v_j / 2
-        for n in range(3):
-            k[n, 1] = 0.0
+    for n in range(3):
+        k[n, 1] *= higher
     velocity_by_xi = polynomial_derivative_kernel(local, k, v_j)
     jacobian = np.zeros((12, 24))
-    add_block_kernel(jacobian, 0, 0, -1.0, left)
-    add_block_kernel(jacobian, 0, 12, 1.0, right)
-    add_block_kernel(jacobian, 6, 0, -1.0, multiply_kernel(velocity_by_xi, left))
-    add_block_kernel(jacobian, 6, 12, 1.0, multiply_kernel(velocity_by_xi, right))
-    add_block_kernel(jacobian, 6, 18, 1.0, right)
+    by_pose_i = multiply_kernel(velocity_by_xi, left)
+    by_pose_j = multiply_kernel(velocity_by_xi, right)
+    for i in range(6):
+        for j in range(6):
+            jacobian[i, j] = -left[i, j]
+            jacobian[i, 12 + j] = right[i, j]
+            jacobian[6 + i, j] = -by_pose_i[i, j]
+            jacobian[6 + i, 12 + j] = by_pose_j[i, j]
+            jacobian[6 + i, 18 + j] = right[i, j]
     return jacobian
 
 
-@kernel
+@inner_kernel
 def hermite_weights(a: float, b: float) -> Array:
     """(2, 2, 2) scalar weights of (xi, w) at the time a after state i and b before state j.
 
@@ -80,7 +84,7 @@ def hermite_weights(a: float, b: float) -> Array:
     return weights
 
 
-@kernel
+@inner_kernel
 def interpolated_local_kernel(v_i: Array, local_j: Array, weights: Array) -> Array:
     """(12,) local variables (xi, w) around state i, of those of state j and the weights."""
     local = np.empty(12)
@@ -94,7 +98,7 @@ def interpolated_local_kernel(v_i: Array, local_j: Array, weights: Array) -> Arr
     return local
 
 
-@kernel
+@inner_kernel
 def local_by_states_kernel(by_states_j: Array, weights: Array) -> Array:
     """(12, 24) derivative of the interpolated local variables by both states, of state j's."""
     result = np.zeros((12, 24))
@@ -107,11 +111,11 @@ def local_by_states_kernel(by_states_j: Array, weights: Array) -> Array:
     return result
 
 
-@kernel
+@inner_kernel
 def moved_kernel(T_i: Array, local: Array, T: Array, v: Array) -> None:
     """Write the pose T_i Exp(xi) and the twist Jr(xi) w of local variables (xi, w) around T_i."""
     step = exp_kernel(local)
-    jacobian = polynomial_kernel(local, coefficients_kernel(local, JACOBIAN, RIGHT))
+    jacobian = polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
     for i in range(4):
         for j in range(4):
             T[i, j] = 0.0
@@ -123,28 +127,34 @@ def moved_kernel(T_i: Array, local: Array, T: Array, v: Array) -> None:
             v[i] += jacobian[i, j] * local[6 + j]
 
 
-@kernel
+@inner_kernel
 def moved_jacobian_kernel(local: Array) -> Array:
     """(12, 12) derivative of the pose Exp(xi) and the twist Jr(xi) w by xi and w."""
-    k = coefficients_kernel(local, JACOBIAN, RIGHT)
+    k = jacobian_coefficients_kernel(local, RIGHT)
     jacobian = polynomial_kernel(local, k)
+    by_xi = polynomial_derivative_kernel(local, k, local[6:])
     result = np.zeros((12, 12))
-    add_block_kernel(result, 0, 0, 1.0, jacobian)
-    add_block_kernel(result, 6, 6, 1.0, jacobian)
-    add_block_kernel(result, 6, 0, 1.0, polynomial_derivative_kernel(local, k, local[6:]))
+    for i in range(6):
+        for j in range(6):
+            result[i, j] = jacobian[i, j]
+            result[6 + i, 6 + j] = jacobian[i, j]
+            result[6 + i, j] = by_xi[i, j]
     return result
 
 
-@kernel
+@inner_kernel
 def backward_adjoint_kernel(local: Array) -> Array:
     """(6, 6) derivative of T_i Exp(xi) by T_i, xi fixed."""
-    return polynomial_kernel(local, coefficients_kernel(local, ADJOINT, RIGHT))
+    return polynomial_kernel(local, adjoint_coefficients_kernel(local, RIGHT))
 
 
-@kernel
+@inner_kernel
 def pose_by_states_kernel(local: Array, local_by_states: Array) -> Array:
     """(6, 24) derivative of the pose T_i Exp(xi) by both states."""
-    jacobian = polynomial_kernel(local, coefficients_kernel(local, JACOBIAN, RIGHT))
+    jacobian = polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
     result = multiply_kernel(jacobian, local_by_states[:6])
-    add_block_kernel(result, 0, 0, 1.0, backward_adjoint_kernel(local))
+    by_pose_i = backward_adjoint_kernel(local)
+    for i in range(6):
+        for j in range(6):
+            result[i, j] += by_pose_i[i, j]
     return result

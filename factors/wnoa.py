@@ -11,8 +11,8 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.kernels import Array, add_block_kernel, kernel
-from factors.local import local_jacobian_kernel, local_state_kernel
+from factors.kernels import Array, copy_kernel, kernel
+from factors.local import EXACT, FIRST_ORDER, local_jacobian_kernel, local_state_kernel
 from factors.values import pose_matrix
 
 
@@ -72,13 +72,13 @@ def kronecker(scalars: Array, matrix: Array) -> Array:
 
 @kernel
 def wnoa_kernel(
-    T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: float, derivatives: bool, approximate: bool
+    T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: float, derivatives: bool, higher: float
 ) -> Array:
     """(12, 25) derivative of the error by T_i, v_i, T_j, v_j, then the error itself."""
     local = local_state_kernel(T_i, T_j, v_j)
     result = np.zeros((12, 25))
     if derivatives:
-        add_block_kernel(result, 0, 0, 1.0, local_jacobian_kernel(local, v_j, approximate))
+        copy_kernel(local_jacobian_kernel(local, v_j, higher), result)
     for i in range(6):
         result[i, 24] = local[i] - dt * v_i[i]
         result[6 + i, 24] = local[6 + i] - v_i[i]
@@ -87,40 +87,13 @@ def wnoa_kernel(
     return result
 
 
-@kernel
-def whitened_kernel(rows: Array, dt: float, W: Array) -> Array:
-    """S rows (12, n) for the square root information S of `wnoa_square_root_information`."""
-    upper, mixed, lower = np.sqrt(12 / dt**3), np.sqrt(3 / dt), np.sqrt(1 / dt)
-    result = np.zeros_like(rows)
-    for i in range(6):
-        for k in range(i + 1):
-            for j in range(rows.shape[1]):
-                result[i, j] += W[i, k] * (upper * rows[k, j] - mixed * rows[6 + k, j])
-                result[6 + i, j] += W[i, k] * lower * rows[6 + k, j]
-    return result
-
-
-@kernel
-def _whitened_wnoa_kernel(
-    T_i: Array,
-    v_i: Array,
-    T_j: Array,
-    v_j: Array,
-    dt: float,
-    W: Array,
-    derivatives: bool,
-    approximate: bool,
-) -> Array:
-    return whitened_kernel(wnoa_kernel(T_i, v_i, T_j, v_j, dt, derivatives, approximate), dt, W)
-
-
 def wnoa_error(
     T_i: ArrayLike, v_i: ArrayLike, T_j: ArrayLike, v_j: ArrayLike, dt: float
 ) -> tuple[Array, Array]:
     """Error (12,) of the prior and its exact Jacobian (12, 24) by T_i, v_i, T_j, v_j."""
     T_i, v_i, T_j, v_j = (np.ascontiguousarray(x, np.float64) for x in (T_i, v_i, T_j, v_j))
     dt = checked_duration(dt)
-    result = wnoa_kernel(T_i, v_i, T_j, v_j, dt, True, False)
+    result = wnoa_kernel(T_i, v_i, T_j, v_j, dt, True, EXACT)
     return result[:, 24], result[:, :24]
 
 
@@ -156,20 +129,20 @@ def WnoaPriorFactor(
     ValueError
         If dt is not positive or qc not positive definite.
     """
-    W, dt = whitening(qc), checked_duration(dt)
+    dt, S = checked_duration(dt), wnoa_square_root_information(dt, qc)
+    higher = FIRST_ORDER if approximate_jacobians else EXACT
 
     def error(
         _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
     ) -> Array:
-        result = _whitened_wnoa_kernel(
+        result = S @ wnoa_kernel(
             pose_matrix(values, pose_i),
             values.atVector(velocity_i),
             pose_matrix(values, pose_j),
             values.atVector(velocity_j),
             dt,
-            W,
             jacobians is not None,
-            approximate_jacobians,
+            higher,
         )
         if jacobians is not None:
             for block in range(4):
