@@ -179,9 +179,9 @@ def test_iterations_end_where_the_cost_is_flat(seed: int) -> None:
 
 
 def test_covariance_is_that_of_repeated_noise() -> None:
-    """Whitened estimates of 1500 noisy repetitions have the covariance 1, to 5 deviations."""
+    """Whitened estimates of 600 noisy repetitions have the covariance 1, to 5 deviations."""
     rng = np.random.default_rng(0)
-    true, repetitions = random_velocity(rng), 1500
+    true, repetitions = random_velocity(rng), 600
     exact = random_segments(rng, 40, true)
     information = INFORMATION * 1e6  # so little noise that the measurement is linear in it
     deviation = 1 / np.sqrt(np.diag(information))

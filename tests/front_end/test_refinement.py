@@ -28,7 +28,7 @@ def distinct_points() -> NDArray[np.int32]:
 
 
 @given(st.integers(-2, 2), st.integers(-2, 2))
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=5)
 def test_whole_pixel_shifts_are_found_exactly(dx: int, dy: int) -> None:
     points, still = distinct_points(), gradients(image())
     reference = patches(still, points)

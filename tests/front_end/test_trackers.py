@@ -15,7 +15,8 @@ from gpvo.observations import Observations
 from gpvo.tracking import MultiResolutionTracker, to_full_resolution
 
 TRACKERS = ["patch", "descriptor"]
-FRAMES = 6
+FRAMES = 5
+THRESHOLDS = {"patch": 50.0, "descriptor": 1500.0}  # of thousands, some 500 to match
 # Body twists per frame: to the side, ahead, and turning.
 TWISTS = {
     "side": np.array([0, 0, 0, 0.03, -0.02, 0]),
@@ -23,6 +24,11 @@ TWISTS = {
     "turn": np.array([0.004, -0.01, 0.02, 0.01, 0, 0.01]),
 }
 PLANES = {name: MovingPlane(Texture(7), twist) for name, twist in TWISTS.items()}
+
+
+def configuration(tracker: str, **fields: object) -> TrackingConfig:
+    features = {"response_threshold": THRESHOLDS[tracker]}
+    return TrackingConfig.model_validate({"tracker": tracker, "features": features, **fields})
 
 
 @cache
@@ -35,9 +41,7 @@ def track(
     tracker: str, motion: str, resolutions: tuple[int, ...] = (1, 2), blank: int | None = None
 ) -> Observations:
     """All observations of a moving plane; frame `blank` shows nothing."""
-    tracking = MultiResolutionTracker(
-        TrackingConfig.model_validate({"tracker": tracker, "resolutions": resolutions})
-    )
+    tracking = MultiResolutionTracker(configuration(tracker, resolutions=resolutions))
     parts = []
     for frame in range(FRAMES):
         left, right = images(motion, frame)
@@ -124,9 +128,9 @@ def test_descriptor_tracklets_reach_over_a_blank_frame() -> None:
 
 
 def test_descriptor_tracker_forgets_landmarks_out_of_reach() -> None:
-    config = TrackingConfig.model_validate({"tracker": "descriptor", "earlier_frames": 2})
+    config = configuration("descriptor", earlier_frames=2)
     tracker, counts = DescriptorTracker(config), []
-    for frame in [0, 1, 2, 3, 4, 5, 4, 3, 2, 1, 0]:
+    for frame in [0, 1, 2, 3, 4, 3, 2, 1, 0]:
         tracker.track(*images("side", frame))
         counts.append(len(tracker._references))
         within_reach = {int(k) for seen in tracker._frames for k in seen.landmark} - {NO_LANDMARK}
@@ -137,7 +141,7 @@ def test_descriptor_tracker_forgets_landmarks_out_of_reach() -> None:
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_swapped_cameras_have_no_landmarks(tracker: str) -> None:
     """A negative disparity is never a match; what is left is chance."""
-    tracking = MultiResolutionTracker(TrackingConfig.model_validate({"tracker": tracker}))
+    tracking = MultiResolutionTracker(configuration(tracker))
     found = 0
     for frame in range(3):
         left, right = images("side", frame)
