@@ -24,8 +24,8 @@ from gpvo.config import NoiseConfig
 from gpvo.tracklets import Measurements
 
 Array = NDArray[np.float64]
-SAME_TIME = 1e-6
-"""Seconds; times nearer than this are one state (events have microsecond stamps)."""
+SAME_TIME = 5e-7
+"""Seconds; times nearer than this, half the resolution of event stamps, are one state."""
 
 
 @dataclass(frozen=True)

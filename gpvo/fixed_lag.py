@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -15,7 +16,13 @@ from numpy.typing import NDArray
 from factors import StereoCamera
 from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.covariance_knots import CovarianceKnots
-from gpvo.factor_graph import FactorMaker, landmark_points, seen_twice, state_times
+from gpvo.factor_graph import (
+    SAME_TIME,
+    FactorMaker,
+    landmark_points,
+    seen_twice,
+    state_times,
+)
 from gpvo.initialization import start_states, velocity_ahead
 from gpvo.mc_ransac import VelocityFit
 from gpvo.states import States
@@ -32,7 +39,7 @@ class _Increment:
 
     graph: gtsam.NonlinearFactorGraph = field(default_factory=gtsam.NonlinearFactorGraph)
     values: gtsam.Values = field(default_factory=gtsam.Values)
-    stamps: dict[int, float] = field(default_factory=dict)
+    stamps: dict[Any, float] = field(default_factory=dict)
     factors: list[gtsam.NonlinearFactor] = field(default_factory=list)
 
     def add_factors(self, factors: Iterable[gtsam.NonlinearFactor]) -> None:
@@ -81,7 +88,7 @@ class FixedLagSmoother:
                 return
             self._start(increment, measurements.t.min(), fit)
         usable = self._usable(measurements)
-        self._extend_states(increment, usable, stop, fit)
+        self._extend_states(increment, measurements.t, stop, fit)
         self._measure(increment, usable)
         self._solve(increment)
 
@@ -112,16 +119,12 @@ class FixedLagSmoother:
         return known[ready]
 
     def _extend_states(
-        self,
-        increment: _Increment,
-        measurements: Measurements,
-        stop: float,
-        fit: VelocityFit | None,
+        self, increment: _Increment, measured: Array, stop: float, fit: VelocityFit | None
     ) -> None:
-        """States at the new measurements' times, or at the cluster's end if there are none."""
+        """States at the measured times, or at the cluster's end if there are no new ones."""
         last = len(self._states) - 1
         t_last = self._states.t[last]
-        t = state_times(measurements.t, self._config.state_interval, t_last)
+        t = state_times(measured, self._config.state_interval, t_last)
         if len(t) == 0:
             t = state_times(np.array([stop]), 0.0, t_last)
         if len(t) == 0:
@@ -148,7 +151,7 @@ class FixedLagSmoother:
     def _solve(self, increment: _Increment) -> None:
         """Update the smoother, and take over its estimate of the states in the window."""
         self._factors.append(increment.factors)
-        lag = self._states.t[-1] - self._cluster_ends[0]
+        lag = self._states.t[-1] - self._cluster_ends[0] + SAME_TIME
         if len(self._cluster_ends) == self._config.window and lag > 0:
             self._knots = self._knots_before(self._cluster_ends[0])
             self._smoother.setSmootherLag(lag)
