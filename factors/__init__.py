@@ -1,24 +1,33 @@
 """Continuous-time stereo factors for GTSAM, exact to the microsecond."""
 
+from factors import lie
+from factors.constant_velocity import EuclideanVelocityFactor, ReprojectionVelocityFactor
 from factors.interpolated_stereo import InterpolatedStereoFactor
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.stereo import StereoCamera, StereoReprojectionFactor
+from factors.tracklet import TrackletFactor
 from factors.wnoa import (
     WnoaPriorFactor,
     wnoa_covariance,
     wnoa_information,
+    wnoa_square_root_covariance,
     wnoa_square_root_information,
 )
 
 __all__ = [
+    "EuclideanVelocityFactor",
     "InterpolatedState",
     "InterpolatedStereoFactor",
+    "ReprojectionVelocityFactor",
     "StereoCamera",
     "StereoReprojectionFactor",
+    "TrackletFactor",
     "WnoaPriorFactor",
     "extrapolate",
     "interpolate",
+    "lie",
     "wnoa_covariance",
     "wnoa_information",
+    "wnoa_square_root_covariance",
     "wnoa_square_root_information",
 ]

@@ -6,6 +6,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
+from factors.checks import checked_noise, power_spectral_density
 from factors.kernels import Array, copy_kernel, kernel, multiply_kernel
 from factors.local import (
     EXACT,
@@ -64,6 +65,7 @@ def InterpolatedStereoFactor(
     t_i: float,
     t_j: float,
     t: float,
+    qc: ArrayLike | None = None,
 ) -> gtsam.CustomFactor:
     """Stereo measurement of a landmark at a time t between two states.
 
@@ -81,14 +83,21 @@ def InterpolatedStereoFactor(
         Intrinsics of the rectified pair.
     t_i, t_j, t
         Seconds, t_i <= t <= t_j and t_i < t_j.
+    qc
+        Power spectral density, only checked: the mean between two states does not depend on it, as
+        it scales Q(t) and the inverse of Q(t_j) alike.
 
     Raises
     ------
     ValueError
-        If the times are out of order or the measurement is not three finite numbers.
+        If the times are out of order, the measurement is not three finite numbers, the disparity
+        not positive, or the noise model of another dimension.
     """
     if not (t_i < t_j and t_i <= t <= t_j):
         raise ValueError(f"t = {t} must lie between t_i = {t_i} and t_j = {t_j}")
+    if qc is not None:
+        power_spectral_density(qc)
+    checked_noise(model, 3)
     a, b = float(t - t_i), float(t_j - t)
     measurement, parameters = checked_measurement(measured), camera.parameters
 

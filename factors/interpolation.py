@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from factors.checks import power_spectral_density
 from factors.kernels import Array, copy_kernel, kernel
 from factors.local import (
     EXACT,
@@ -22,7 +23,7 @@ from factors.local import (
     moved_jacobian_kernel,
     moved_kernel,
 )
-from factors.wnoa import kronecker, power_spectral_density
+from factors.wnoa import kronecker
 
 
 class InterpolatedState(NamedTuple):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from factors.checks import checked_array
 from factors.kernels import (
     LEFT,
     Array,
@@ -24,7 +25,7 @@ from factors.kernels import (
 
 def skew(a: ArrayLike) -> Array:
     """Matrices (..., 3, 3) of the cross product with vectors (..., 3)."""
-    a = _elements(a, (3,))
+    a = checked_array("a", a, (3,))
     matrix = np.zeros((*a.shape, 3))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -34,7 +35,7 @@ def skew(a: ArrayLike) -> Array:
 
 def se3_exp(xi: ArrayLike) -> Array:
     """Transforms (..., 4, 4) of twists (..., 6)."""
-    twists = _elements(xi, (6,))
+    twists = checked_array("xi", xi, (6,))
     transforms = np.empty((*twists.shape[:-1], 4, 4))
     _exp_batch(twists.reshape(-1, 6), transforms.reshape(-1, 4, 4))
     return transforms
@@ -48,7 +49,7 @@ def _exp_batch(twists: Array, transforms: Array) -> None:
 
 def se3_log(T: ArrayLike) -> Array:
     """Twists (..., 6) of transforms (..., 4, 4), rotation angle at most pi."""
-    transforms = _elements(T, (4, 4))
+    transforms = checked_array("T", T, (4, 4))
     twists = np.empty((*transforms.shape[:-2], 6))
     _log_batch(transforms.reshape(-1, 4, 4), twists.reshape(-1, 6))
     return twists
@@ -64,7 +65,7 @@ def _log_batch(transforms: Array, twists: Array) -> None:
 
 def se3_inverse(T: ArrayLike) -> Array:
     """Inverses of transforms (..., 4, 4)."""
-    T = _elements(T, (4, 4))
+    T = checked_array("T", T, (4, 4))
     inverse = np.zeros_like(T)
     inverse[..., :3, :3] = np.swapaxes(T[..., :3, :3], -1, -2)
     inverse[..., :3, 3:] = -inverse[..., :3, :3] @ T[..., :3, 3:]
@@ -74,14 +75,14 @@ def se3_inverse(T: ArrayLike) -> Array:
 
 def se3_adjoint(T: ArrayLike) -> Array:
     """Adjoints (..., 6, 6) of transforms (..., 4, 4)."""
-    T = _elements(T, (4, 4))
+    T = checked_array("T", T, (4, 4))
     rotation = T[..., :3, :3]
     return _lower_triangular(rotation, skew(T[..., :3, 3]) @ rotation)
 
 
 def se3_curly(xi: ArrayLike) -> Array:
     """Small adjoints (..., 6, 6) of twists (..., 6)."""
-    xi = _elements(xi, (6,))
+    xi = checked_array("xi", xi, (6,))
     return _lower_triangular(skew(xi[..., :3]), skew(xi[..., 3:]))
 
 
@@ -95,7 +96,7 @@ def _lower_triangular(diagonal: Array, below: Array) -> Array:
 
 def se3_left_jacobian(xi: ArrayLike) -> Array:
     """Left Jacobians J (..., 6, 6) of twists (..., 6): Exp(xi + d) = Exp(J d) Exp(xi)."""
-    twists = _elements(xi, (6,))
+    twists = checked_array("xi", xi, (6,))
     jacobians = np.empty((*twists.shape, 6))
     _left_jacobian_batch(twists.reshape(-1, 6), jacobians.reshape(-1, 6, 6))
     return jacobians
@@ -115,7 +116,7 @@ def se3_right_jacobian(xi: ArrayLike) -> Array:
 
 def se3_left_jacobian_inverse(xi: ArrayLike) -> Array:
     """Inverse left Jacobians (..., 6, 6) of twists (..., 6); singular at an angle of 2 pi."""
-    twists = _elements(xi, (6,))
+    twists = checked_array("xi", xi, (6,))
     inverses = np.empty((*twists.shape, 6))
     _left_jacobian_inverse_batch(twists.reshape(-1, 6), inverses.reshape(-1, 6, 6))
     return inverses
@@ -131,13 +132,3 @@ def _left_jacobian_inverse_batch(twists: Array, inverses: Array) -> None:
 def se3_right_jacobian_inverse(xi: ArrayLike) -> Array:
     """Inverse right Jacobians (..., 6, 6) of twists (..., 6); singular at an angle of 2 pi."""
     return se3_left_jacobian_inverse(np.negative(xi))
-
-
-def _elements(argument: ArrayLike, element: tuple[int, ...]) -> Array:
-    """The argument as a contiguous array whose last axes are those of one element."""
-    array = np.ascontiguousarray(argument, np.float64)
-    batch = array.ndim - len(element)
-    if batch < 0 or array.shape[batch:] != element:
-        expected = ", ".join(["...", *map(str, element)])
-        raise ValueError(f"expected an array of shape ({expected}), not {array.shape}")
-    return array

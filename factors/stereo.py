@@ -8,6 +8,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
+from factors.checks import checked_noise, checked_vector
 from factors.kernels import Array, kernel
 from factors.values import pose_matrix
 
@@ -95,10 +96,10 @@ def reprojection_kernel(T: Array, landmark: Array, measured: Array, camera: Arra
 
 
 def checked_measurement(measured: ArrayLike) -> Array:
-    """(3,) finite numbers (u_left, v, disparity); ValueError otherwise."""
-    measurement = np.asarray(measured, np.float64)
-    if measurement.shape != (3,) or not np.isfinite(measurement).all():
-        raise ValueError(f"measured must be finite (u_left, v, disparity), not {measurement}")
+    """(3,) finite (u_left, v, disparity) with a positive disparity."""
+    measurement = checked_vector("measured", measured, 3)
+    if measurement[2] <= 0:
+        raise ValueError(f"measured must have a positive disparity, not {measurement}")
     return measurement
 
 
@@ -125,8 +126,10 @@ def StereoReprojectionFactor(
     Raises
     ------
     ValueError
-        If the measurement is not three finite numbers.
+        If the measurement is not three finite numbers, the disparity not positive, or the noise
+        model of another dimension.
     """
+    checked_noise(model, 3)
     measurement, parameters = checked_measurement(measured), camera.parameters
 
     def error(

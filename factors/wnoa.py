@@ -11,38 +11,15 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
+from factors.checks import checked_duration, power_spectral_density
 from factors.kernels import Array, copy_kernel, kernel
 from factors.local import EXACT, FIRST_ORDER, local_jacobian_kernel, local_state_kernel
 from factors.values import pose_matrix
 
 
-def power_spectral_density(qc: ArrayLike) -> Array:
-    """(6, 6) matrix of a power spectral density given as its diagonal (6,) or whole, checked.
-
-    Raises
-    ------
-    ValueError
-        If the shape is another one, or the matrix is not symmetric and positive definite.
-    """
-    array = np.asarray(qc, np.float64)
-    matrix = np.diag(array) if array.shape == (6,) else array
-    if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
-        raise ValueError(f"qc must be 6 or 6 x 6 finite numbers, not shape {array.shape}")
-    if not np.allclose(matrix, matrix.T) or np.linalg.eigvalsh(matrix)[0] <= 0:
-        raise ValueError("qc must be symmetric and positive definite")
-    return matrix
-
-
 def whitening(qc: ArrayLike) -> Array:
     """(6, 6) lower triangular W with WᵀW = qc^-1."""
     return np.linalg.inv(np.linalg.cholesky(power_spectral_density(qc)))
-
-
-def checked_duration(dt: float) -> float:
-    """The duration itself, if it is finite and positive; ValueError otherwise."""
-    if not (np.isfinite(dt) and dt > 0):
-        raise ValueError(f"dt must be positive seconds, not {dt}")
-    return float(dt)
 
 
 def wnoa_covariance(dt: float, qc: ArrayLike) -> Array:
@@ -63,6 +40,15 @@ def wnoa_square_root_information(dt: float, qc: ArrayLike) -> Array:
     dt = checked_duration(dt)
     scalars = np.array([[np.sqrt(12 / dt**3), -np.sqrt(3 / dt)], [0, np.sqrt(1 / dt)]])
     return kronecker(scalars, whitening(qc))
+
+
+def wnoa_square_root_covariance(dt: float, qc: ArrayLike) -> Array:
+    """(12, 12) lower triangular L with LLᵀ = Q_k, in closed form."""
+    dt = checked_duration(dt)
+    scalars = np.array([[np.sqrt(dt**3 / 3), 0], [np.sqrt(3 * dt) / 2, np.sqrt(dt) / 2]])
+    return kronecker(
+        scalars, np.asarray(np.linalg.cholesky(power_spectral_density(qc)), np.float64)
+    )
 
 
 def kronecker(scalars: Array, matrix: Array) -> Array:
