@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from gpvo.config import Configuration
+from gpvo.config import Configuration, PatchTrackerConfig, TrackingConfig
 from gpvo.configuration_file import configuration_text, load_configuration
 from gpvo.errors import InputError
 from gpvo.poses import StampedPoses
@@ -20,6 +20,8 @@ from gpvo.recordings.kalibr import read_kalibr
 
 BAD_INPUT = 2
 """Exit status."""
+DEMO_FEATURES = 50
+"""A frame; enough for a small room."""
 
 app = typer.Typer(
     add_completion=False,
@@ -69,11 +71,11 @@ def demo(output: Output = None, seed: Seed = None) -> None:
     """Simulate a few seconds of stereo events and estimate the motion."""
     from gpvo.simulation.recording import SimulationConfig, simulate
 
-    simulation = SimulationConfig(seed=0 if seed is None else seed)
+    simulation = SimulationConfig(seed=0 if seed is None else seed, duration=2.0)
     with console.status("simulating stereo events of a textured room"):
         recording = simulate(simulation)
     folder = output or Path("results") / "demo"
-    run_and_write(recording, seeded(Configuration(), seed), folder, recording.ground_truth)
+    run_and_write(recording, seeded(demo_configuration(), seed), folder, recording.ground_truth)
 
 
 @app.command(name="eval")
@@ -95,6 +97,12 @@ def evaluate(
 def print_configuration() -> None:
     """Print the default configuration with a description of every field."""
     print(configuration_text(Configuration(), described=True), end="")
+
+
+def demo_configuration() -> Configuration:
+    """The default, with fewer features so that the demonstration ends soon."""
+    few = PatchTrackerConfig(max_features=DEMO_FEATURES)
+    return Configuration(tracking=TrackingConfig(patch=few))
 
 
 def seeded(configuration: Configuration, seed: int | None) -> Configuration:
