@@ -7,16 +7,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_noise, power_spectral_density
-from factors.kernels import Array, copy_kernel, kernel, multiply_kernel
+from factors.kernels import Array, copy_kernel, kernel
 from factors.local import (
     EXACT,
     hermite_weights,
     interpolated_local_kernel,
-    local_by_states_kernel,
     local_jacobian_kernel,
     local_state_kernel,
     moved_kernel,
-    pose_by_states_kernel,
+    rows_by_states_kernel,
 )
 from factors.stereo import StereoCamera, checked_measurement, reprojection_kernel
 from factors.values import pose_matrix
@@ -45,8 +44,8 @@ def _linearized_kernel(
     result = np.zeros((3, 28))
     if derivatives:
         by_states_j = local_jacobian_kernel(local_j, v_j, EXACT)
-        by_states = pose_by_states_kernel(local, local_by_states_kernel(by_states_j, weights))
-        copy_kernel(multiply_kernel(stereo, by_states), result)
+        first = len(stereo) - 3
+        copy_kernel(rows_by_states_kernel(stereo, first, local, by_states_j, weights), result)
     for i in range(3):
         for j in range(4):
             result[i, 24 + j] = stereo[i, 6 + j]

@@ -149,12 +149,25 @@ def backward_adjoint_kernel(local: Array) -> Array:
 
 
 @inner_kernel
-def pose_by_states_kernel(local: Array, local_by_states: Array) -> Array:
-    """(6, 24) derivative of the pose T_i Exp(xi) by both states."""
+def rows_by_states_kernel(
+    rows: Array, first: int, local: Array, by_states_j: Array, weights: Array
+) -> Array:
+    """(3, 24) derivative by both states of three errors, of their derivative by the pose between.
+
+    That is rows[first : first + 3, :6] times the derivative of T_i Exp(xi) by both states.
+    """
     jacobian = polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
-    result = multiply_kernel(jacobian, local_by_states[:6])
     by_pose_i = backward_adjoint_kernel(local)
-    for i in range(6):
-        for j in range(6):
-            result[i, j] += by_pose_i[i, j]
+    result, by_xi = np.zeros((3, 24)), np.zeros((3, 6))
+    for i in range(3):
+        for k in range(6):
+            for j in range(6):
+                by_xi[i, j] += rows[first + i, k] * jacobian[k, j]
+                result[i, j] += rows[first + i, k] * by_pose_i[k, j]
+        for k in range(6):
+            result[i, 6 + k] += weights[0, 0, 1] * by_xi[i, k]
+            for j in range(24):
+                result[i, j] += by_xi[i, k] * (
+                    weights[1, 0, 0] * by_states_j[k, j] + weights[1, 0, 1] * by_states_j[6 + k, j]
+                )
     return result

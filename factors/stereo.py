@@ -68,11 +68,12 @@ def reprojection_kernel(T: Array, landmark: Array, measured: Array, camera: Arra
     Behind the camera: a large constant error without derivatives, as GTSAM's own stereo factor.
     """
     fx, fy, cx, cy, baseline = camera[0], camera[1], camera[2], camera[3], camera[4]
-    p = np.zeros(3)
-    for i in range(3):
-        for j in range(3):
-            p[i] += T[j, i] * (landmark[j] - T[j, 3])
-    x, y, z = p[0], p[1], p[2]
+    x, y, z = 0.0, 0.0, 0.0
+    for j in range(3):
+        difference = landmark[j] - T[j, 3]
+        x += T[j, 0] * difference
+        y += T[j, 1] * difference
+        z += T[j, 2] * difference
     result = np.zeros((3, 10))
     if z <= 0:
         for i in range(3):
@@ -81,17 +82,17 @@ def reprojection_kernel(T: Array, landmark: Array, measured: Array, camera: Arra
     result[0, 9] = fx * x / z + cx - measured[0]
     result[1, 9] = fy * y / z + cy - measured[1]
     result[2, 9] = fx * baseline / z - measured[2]
-    by_point = np.zeros((3, 3))
-    by_point[0, 0], by_point[0, 2] = fx / z, -fx * x / (z * z)
-    by_point[1, 1], by_point[1, 2] = fy / z, -fy * y / (z * z)
-    by_point[2, 2] = -fx * baseline / (z * z)
+    # The derivative of the translation in the camera frame is that of -point.
+    result[0, 3], result[0, 5] = -fx / z, fx * x / (z * z)
+    result[1, 4], result[1, 5] = -fy / z, fy * y / (z * z)
+    result[2, 5] = fx * baseline / (z * z)
     for i in range(3):
-        for j in range(3):
-            k, m = (j + 1) % 3, (j + 2) % 3
-            result[i, j] = by_point[i, k] * p[m] - by_point[i, m] * p[k]
-            result[i, 3 + j] = -by_point[i, j]
-            for n in range(3):
-                result[i, 6 + n] += by_point[i, j] * T[n, j]
+        a, b, c = -result[i, 3], -result[i, 4], -result[i, 5]
+        result[i, 0] = b * z - c * y
+        result[i, 1] = c * x - a * z
+        result[i, 2] = a * y - b * x
+        for n in range(3):
+            result[i, 6 + n] = a * T[n, 0] + b * T[n, 1] + c * T[n, 2]
     return result
 
 

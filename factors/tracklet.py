@@ -27,7 +27,7 @@ from factors.tracklet_kernels import (
 )
 
 _MAX_STEPS = 50
-_TOLERANCE = 1e-11  # of the landmark's distance
+_TOLERANCE = 1e-8  # of the landmark's distance
 
 
 class TrackletFactor(gtsam.CustomFactor):
@@ -134,11 +134,12 @@ class _Tracklet:
         states: Sequence[tuple[int, int, float]],
     ) -> None:
         gaussian = model.noise() if isinstance(model, gtsam.noiseModel.Robust) else model
-        self.measured, self.camera = measured, camera
+        self.measured, self.camera = measured, camera.parameters
         self.whitening = np.ascontiguousarray(gaussian.Whiten(np.eye(3)))
         self.loss: Any = model.robust() if isinstance(model, gtsam.noiseModel.Robust) else None
         self.states, self.first, self.a, self.b = _brackets(times, states, len(measured))
         self.nearest = int(np.argmax(measured[:, 2]))
+        self.nearest_point = camera.triangulate(measured[self.nearest])
 
     def error(
         self, _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
@@ -168,12 +169,12 @@ class _Tracklet:
 
     def rows(self, T: Array, point: Array, weights: Array) -> Array:
         """(3n, 10) whitened and weighted derivatives by pose and landmark, and errors."""
-        return rows_kernel(T, point, self.measured, self.camera.parameters, self.whitening, weights)
+        return rows_kernel(T, point, self.measured, self.camera, self.whitening, weights)
 
     def fit(self, T: Array) -> tuple[Array, Array]:
         """The landmark (3,) in the world that fits best, and the weights (n,) of the errors."""
-        seen = self.camera.triangulate(self.measured[self.nearest])
-        point = T[self.nearest, :3, :3] @ seen + T[self.nearest, :3, 3]
+        nearest = T[self.nearest]
+        point = nearest[:3, :3] @ self.nearest_point + nearest[:3, 3]
         weights = np.ones(len(T))
         if self.loss is None:
             return self._step(T, point, weights, _MAX_STEPS), weights
@@ -185,9 +186,7 @@ class _Tracklet:
         return point, weights
 
     def _step(self, T: Array, point: Array, weights: Array, steps: int) -> Array:
-        return landmark_kernel(
-            T, point, self.measured, self.camera.parameters, self.whitening, weights, steps
-        )
+        return landmark_kernel(T, point, self.measured, self.camera, self.whitening, weights, steps)
 
     def _distances(self, T: Array, point: Array) -> Array:
         """(n,) norms of the whitened errors."""

@@ -9,11 +9,10 @@ from factors.local import (
     EXACT,
     hermite_weights,
     interpolated_local_kernel,
-    local_by_states_kernel,
     local_jacobian_kernel,
     local_state_kernel,
     moved_kernel,
-    pose_by_states_kernel,
+    rows_by_states_kernel,
 )
 from factors.stereo import reprojection_kernel
 
@@ -22,9 +21,11 @@ from factors.stereo import reprojection_kernel
 def poses_kernel(T_states: Array, v_states: Array, first: Array, a: Array, b: Array) -> Array:
     """(n, 4, 4) poses at a (n,) seconds after the state `first` (n,) and b before the next one."""
     T, v = np.empty((len(a), 4, 4)), np.empty(6)
+    i = -1
     for n in range(len(a)):
-        i = first[n]
-        local_j = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+        if first[n] > i:  # measurements are in order of time
+            i = first[n]
+            local_j = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
         local = interpolated_local_kernel(v_states[i], local_j, hermite_weights(a[n], b[n]))
         moved_kernel(T_states[i], local, T[n], v)
     return T
@@ -70,7 +71,7 @@ def landmark_kernel(
                 size += change[i] * change[i]
                 distance += (point[i] - T[0, i, 3]) ** 2
             rows = rows_kernel(T, trial, measured, camera, whitening, weights)
-            converged = size <= 1e-20 * distance
+            converged = size <= 1e-14 * distance
             better = converged or _squared_error(rows) < before
             scale *= 0.5
         if not better:
@@ -121,20 +122,21 @@ def states_rows_kernel(
     """(3n, 3 + 12m + 1) derivatives by the landmark and the m states, then the errors."""
     last = 3 + 12 * len(T_states)
     result = np.zeros((rows.shape[0], last + 1))
+    i = -1
     for n in range(len(a)):
-        i = first[n]
-        local_j = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+        if first[n] > i:  # measurements are in order of time
+            i = first[n]
+            local_j = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+            by_states_j = local_jacobian_kernel(local_j, v_states[i + 1], EXACT)
         weights = hermite_weights(a[n], b[n])
         local = interpolated_local_kernel(v_states[i], local_j, weights)
-        by_states_j = local_jacobian_kernel(local_j, v_states[i + 1], EXACT)
-        by_states = pose_by_states_kernel(local, local_by_states_kernel(by_states_j, weights))
-        for row in range(3 * n, 3 * n + 3):
-            for k in range(3):
-                result[row, k] = rows[row, 6 + k]
+        by_states = rows_by_states_kernel(rows, 3 * n, local, by_states_j, weights)
+        for row in range(3):
             for j in range(24):
-                for k in range(6):
-                    result[row, 3 + 12 * i + j] += rows[row, k] * by_states[k, j]
-            result[row, last] = rows[row, 9]
+                result[3 * n + row, 3 + 12 * i + j] = by_states[row, j]
+            for j in range(3):
+                result[3 * n + row, j] = rows[3 * n + row, 6 + j]
+            result[3 * n + row, last] = rows[3 * n + row, 9]
     return result
 
 
