@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
@@ -85,12 +85,40 @@ def evaluate(
     against: Annotated[list[str] | None, typer.Option(help="Competitor as NAME=FILE.")] = None,
     output: Output = None,
     calibration: Calibration = None,
+    step: Annotated[
+        float | None, typer.Option(help="Compare every so many seconds, not at the states.")
+    ] = None,
+    truth_between: Annotated[
+        Literal["linear", "gp"], typer.Option(help="How the ground truth is interpolated.")
+    ] = "linear",
+    association: Annotated[
+        Literal["nearest", "interpolated"],
+        typer.Option(help="Which poses ATE, RPE and drift compare."),
+    ] = "nearest",
+    max_difference: Annotated[
+        float | None,
+        typer.Option(help="Seconds between associated poses; default 0.02, more for sparse truth."),
+    ] = None,
+    aligned_at: Annotated[
+        Literal["step", "first pose"], typer.Option(help="Frame of the relative error.")
+    ] = "step",
+    align_body: Annotated[
+        Literal["none", "rotation", "full"],
+        typer.Option(help="Remove a constant offset between the bodies compared."),
+    ] = "none",
+    align_time: Annotated[
+        bool, typer.Option("--align-time", help="Remove a constant offset between the clocks.")
+    ] = False,
 ) -> None:
     """Compare estimates with the ground truth: tables, plots, report."""
     from gpvo.evaluation.command import evaluate_command
+    from gpvo.evaluation.comparison import Protocol
 
     rig = read_kalibr(calibration) if calibration else None
-    evaluate_command(estimate, ground_truth, against or (), output, rig=rig, console=console)
+    protocol = Protocol(
+        step, truth_between, association, max_difference, aligned_at, align_body, align_time
+    )
+    evaluate_command(estimate, ground_truth, against or (), output, protocol, rig, console)
 
 
 @app.command(name="config")
