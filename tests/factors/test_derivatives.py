@@ -1,0 +1,185 @@
+"""All factors: the linearisation is the exact derivative, and GTSAM's own factors agree."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+import pytest
+from graphs import (
+    CAMERA,
+    NOISE,
+    QC,
+    assert_derivatives_match,
+    derivative,
+    pose_between,
+    random_states,
+    seeds,
+)
+from gtsam.symbol_shorthand import L, V, X
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from factors import (
+    EuclideanVelocityFactor,
+    InterpolatedStereoFactor,
+    ReprojectionVelocityFactor,
+    StereoReprojectionFactor,
+    TrackletFactor,
+    WnoaPriorFactor,
+    wnoa_square_root_information,
+)
+from factors.lie import se3_exp, se3_inverse
+
+examples = settings(deadline=None, max_examples=15)
+measurement = np.array([180.0, 120.0, 6.0])
+
+
+@given(seeds, st.floats(1e-3, 0.5))
+@examples
+def test_wnoa_prior(seed: int, dt: float) -> None:
+    values = random_states(seed, dt)
+    factor = WnoaPriorFactor(X(0), V(0), X(1), V(1), dt, QC)
+    assert_derivatives_match(factor, values)
+    native = gtsam.WnoaMotionFactorPose3(
+        gtsam.StateData(X(0), V(0), 0.0), gtsam.StateData(X(1), V(1), dt), QC
+    )
+    if QC.min() * dt**2 / 2 > 1e-9:  # below, GTSAM drops the correlation
+        np.testing.assert_allclose(factor.error(values), native.error(values), rtol=1e-8)
+
+
+def test_the_papers_first_order_derivatives_are_an_option() -> None:
+    """E_21 and E_23 are off by what is first order in the motion, so by half at half of dt."""
+    errors = []
+    for dt in (0.2, 0.1, 0.05):
+        values, keys = random_states(1, dt), (X(0), V(0), X(1), V(1))
+        exact, _ = WnoaPriorFactor(*keys, dt, QC).linearize(values).jacobian()
+        paper, _ = WnoaPriorFactor(*keys, dt, QC, True).linearize(values).jacobian()
+        whitening = wnoa_square_root_information(dt, QC)
+        errors.append(np.abs(np.linalg.solve(whitening, paper - exact)).max())
+    assert errors[0] > 1e-2
+    np.testing.assert_allclose(errors[1:], [errors[0] / 2, errors[0] / 4], rtol=0.2)
+
+
+@given(seeds)
+@examples
+def test_stereo(seed: int) -> None:
+    values = random_states(seed, 0.1)
+    factor = StereoReprojectionFactor(measurement, NOISE, X(0), L(0), CAMERA)
+    assert_derivatives_match(factor, values)
+    native = native_stereo()
+    covariance = np.array([[1, 0, 0], [1, 0, -1], [0, 1, 0]])  # (u_left, u_right, v) of ours
+    A, b = factor.linearize(values).jacobian()
+    sigmas = NOISE.sigmas()[:, None]
+    A_native, b_native = native.linearize(values).jacobian()
+    np.testing.assert_allclose(covariance @ (sigmas * A), A_native, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(covariance @ (sigmas[:, 0] * b), b_native, rtol=1e-9, atol=1e-9)
+
+
+def native_stereo() -> gtsam.GenericStereoFactor3D:
+    """GTSAM's factor of the same measurement with unit noise; cheirality does not throw."""
+    u, v, disparity = measurement
+    calibration = gtsam.Cal3_S2Stereo(226.0, 226.0, 0.0, 173.0, 130.0, 0.1)
+    point, unit = gtsam.StereoPoint2(u, u - disparity, v), gtsam.noiseModel.Unit.Create(3)
+    return gtsam.GenericStereoFactor3D(point, unit, X(0), L(0), calibration, False, False)
+
+
+def test_behind_the_camera_stereo_is_as_gtsams() -> None:
+    values = random_states(0, 0.1)
+    values.update(L(0), values.atPose3(X(0)).matrix()[:3] @ [0.1, 0.2, -3.0, 1.0])
+    unit = gtsam.noiseModel.Unit.Create(3)
+    factor = StereoReprojectionFactor(measurement, unit, X(0), L(0), CAMERA)
+    A, b = factor.linearize(values).jacobian()
+    A_native, b_native = native_stereo().linearize(values).jacobian()
+    np.testing.assert_array_equal(A, A_native)
+    np.testing.assert_array_equal(b, b_native)
+
+
+@given(seeds, st.floats(0.0, 1.0))
+@examples
+def test_interpolated_stereo(seed: int, share: float) -> None:
+    values = random_states(seed, 0.2)
+    keys = X(0), V(0), X(1), V(1), L(0)
+    t_i, t_j = 1.0, 1.2
+    t = t_i + share * (t_j - t_i) if share < 1 else t_j
+    factor = InterpolatedStereoFactor(measurement, NOISE, *keys, CAMERA, t_i, t_j, t, QC)
+    assert_derivatives_match(factor, values)
+    values.insert(X(9), gtsam.Pose3(pose_between(values, t_i, t_j, t)))
+    at_its_time = StereoReprojectionFactor(measurement, NOISE, X(9), L(0), CAMERA)
+    np.testing.assert_allclose(
+        factor.whitenedError(values), at_its_time.whitenedError(values), rtol=1e-9, atol=1e-9
+    )
+
+
+@given(seeds)
+@examples
+def test_constant_velocity(seed: int) -> None:
+    values = random_states(seed, 0.1)
+    point, dt = np.array([0.4, -0.3, 4.0]), 0.03
+    exact = ReprojectionVelocityFactor(measurement, NOISE, V(0), point, dt, CAMERA)
+    fast = EuclideanVelocityFactor(point + 0.1, NOISE, V(0), point, dt)
+    assert_derivatives_match(exact, values)
+    assert_derivatives_match(fast, values)
+
+
+@given(seeds)
+@examples
+def test_constant_velocity_models_are_zero_at_the_motion(seed: int) -> None:
+    velocity, point, dt = np.random.default_rng(seed).normal(size=6), np.array([0.1, 0.2, 4]), 1e-3
+    later = (se3_inverse(se3_exp(dt * velocity)) @ [*point, 1.0])[:3]
+    values = gtsam.Values()
+    values.insert(V(0), velocity)
+    unit = gtsam.noiseModel.Unit.Create(3)
+    exact = ReprojectionVelocityFactor(CAMERA.project(later), unit, V(0), point, dt, CAMERA)
+    fast = EuclideanVelocityFactor(later, unit, V(0), point, dt)
+    assert np.abs(exact.whitenedError(values)).max() < 1e-11
+    assert np.abs(fast.whitenedError(values)).max() < 20 * (dt * np.linalg.norm(velocity)) ** 2
+
+
+ROBUST = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(1.5), NOISE)
+
+
+@pytest.mark.parametrize("model", [NOISE, ROBUST], ids=["gaussian", "robust"])
+@given(seed=seeds)
+@examples
+def test_gradient_of_a_tracklet(model: gtsam.noiseModel.Base, seed: int) -> None:
+    """The landmark is where it fits best, so its motion with the states does not count."""
+    values = random_states(seed, 0.05)
+    factor = tracklet(values, seed, model)
+    A, b = factor.linearize(values).jacobian()
+    gradient = np.concatenate(
+        [derivative(factor.error, values, key, 1e-4) for key in tuple(factor.keys())]
+    )
+    np.testing.assert_allclose(-A.T @ b, gradient, rtol=0, atol=1e-5 * np.abs(gradient).max())
+
+
+@pytest.mark.parametrize("model", [NOISE, ROBUST], ids=["gaussian", "robust"])
+@given(seed=seeds)
+@examples
+def test_a_tracklet_costs_what_its_measurements_cost(
+    model: gtsam.noiseModel.Base, seed: int
+) -> None:
+    values = random_states(seed, 0.05)
+    factor = tracklet(values, seed, model)
+    values.update(L(0), factor.landmark(values))
+    keys = X(0), V(0), X(1), V(1), L(0)
+    single = [
+        InterpolatedStereoFactor(measured, model, *keys, CAMERA, 0.0, 0.05, t)
+        for measured, t in zip(*measurements_and_times(values, seed), strict=True)
+    ]
+    total = sum(each.error(values) for each in single)
+    np.testing.assert_allclose(factor.error(values), total, rtol=1e-9)
+
+
+def measurements_and_times(values: gtsam.Values, seed: int) -> tuple[list[np.ndarray], np.ndarray]:
+    """Eight noisy measurements at random times, of a landmark that depends on the seed."""
+    rng = np.random.default_rng(seed)
+    times = np.sort(rng.uniform(0, 0.05, 8))
+    point = values.atPose3(X(0)).matrix() @ [*rng.uniform(-1, 1, 2), rng.uniform(2, 6), 1.0]
+    poses = pose_between(values, 0.0, 0.05, times)
+    exact = CAMERA.project((se3_inverse(poses) @ point)[:, :3])
+    return list(exact + rng.normal(size=exact.shape) * [1.0, 1.0, 0.3]), times
+
+
+def tracklet(values: gtsam.Values, seed: int, model: gtsam.noiseModel.Base) -> TrackletFactor:
+    states = [(X(0), V(0), 0.0), (X(1), V(1), 0.05)]
+    return TrackletFactor(*measurements_and_times(values, seed), model, states, CAMERA, QC)
