@@ -71,7 +71,7 @@ def demo(output: Output = None, seed: Seed = None) -> None:
     """Simulate a few seconds of stereo events and estimate the motion."""
     from gpvo.simulation.recording import SimulationConfig, simulate
 
-    simulation = SimulationConfig(seed=0 if seed is None else seed, duration=2.0)
+    simulation = SimulationConfig(seed=1 if seed is None else seed, duration=2.0)
     with console.status("simulating stereo events of a textured room"):
         recording = simulate(simulation)
     folder = output or Path("results") / "demo"

@@ -34,14 +34,15 @@ class Protocol:
     Attributes
     ----------
     step
-        Compare every so many seconds. None, as in the paper: at each contender's stamps.
+        Compare every so many seconds. None, as in the paper: at each contender's states, see
+        `Contender`.
     truth_between
         How the ground truth is interpolated, see `evaluate`.
     association
         Poses for ATE, RPE and drift: the "nearest" in time, as evo takes them, or the denser
         trajectory "interpolated" at the sparser one's stamps.
     max_difference
-        Seconds that the nearest may be away; None: 0.02, or more for a sparse ground truth.
+        Seconds that the nearest may be away; None: 0.02, or 0.3 intervals of a sparse truth.
     aligned_at
         Frame transform of the relative error, see `relative_error`.
     align_body
@@ -49,6 +50,11 @@ class Protocol:
         estimated and the one of the ground truth.
     align_time
         First remove the constant offset between the clocks.
+
+    Raises
+    ------
+    InputError
+        If `step` is not positive or `max_difference` is negative.
     """
 
     step: float | None = None
@@ -58,6 +64,12 @@ class Protocol:
     aligned_at: FrameTransform = "step"
     align_body: BodyAlignment = "none"
     align_time: bool = False
+
+    def __post_init__(self) -> None:
+        if self.step is not None and not STEP_RESOLUTION <= self.step < np.inf:
+            raise InputError(f"--step {self.step:g}: give seconds, at least {STEP_RESOLUTION:g}")
+        if self.max_difference is not None and not 0.0 <= self.max_difference < np.inf:
+            raise InputError(f"--max-difference {self.max_difference:g}: give seconds, 0 or more")
 
     def pair(
         self, estimate: StampedPoses, ground_truth: StampedPoses
@@ -73,13 +85,14 @@ class Protocol:
             return tolerance_for(ground_truth)
         return self.max_difference
 
-    def describe(self, ground_truth: StampedPoses) -> str:
+    def describe(self, contenders: Sequence[Contender]) -> str:
         """One sentence to stand below the tables."""
-        where = f"every {self.step:g} s" if self.step else "at the states"
+        where = f"every {self.step:g} s" if self.step else _places(contenders)
         between = "by the Gaussian process" if self.truth_between == "gp" else "linearly"
         text = f"Compared {where}, first poses aligned, ground truth interpolated {between}; "
         if self.association == "nearest":
-            text += f"ATE, RPE, drift: poses within {self.tolerance(ground_truth):.2g} s"
+            tolerance = self.tolerance(contenders[0].ground_truth)
+            text += f"ATE, RPE, drift: poses within {tolerance:.2g} s"
         else:
             text += "ATE, RPE, drift: interpolated at the sparser trajectory's stamps"
         if self.align_body != "none":
@@ -91,14 +104,29 @@ class Protocol:
 class Contender:
     """An estimate and the ground truth that it is compared with.
 
-    `stamps_ns` are the times to compare at, by default the estimate's own; the paper takes those
-    of the competitor, so that both have the same time between poses.
+    It is compared at its own states, a continuous trajectory every 0.01 s, or at those of another
+    contender: the paper takes the competitor's, so that both have the same time between poses.
     """
 
     name: str
     estimate: StampedPoses
     ground_truth: StampedPoses
-    stamps_ns: NDArray[np.int64] | None = None
+    at_states_of: Contender | None = None
+
+    @property
+    def place(self) -> str:
+        """Where it is compared, in words."""
+        if self.at_states_of is not None:
+            return f"at the states of {self.at_states_of.name}"
+        continuous = isinstance(self.estimate, ContinuousPoses)
+        return f"every {STEP:g} s" if continuous else "at its states"
+
+
+def _places(contenders: Sequence[Contender]) -> str:
+    places = {contender.place for contender in contenders}
+    if len(contenders) == 1 or len(places) == 1:
+        return contenders[0].place.replace("its", "their" if len(contenders) > 1 else "its")
+    return ", ".join(f"{contender.name} {contender.place}" for contender in contenders)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Poses from files: TUM and KITTI text, MVSEC ground truth, ROS pose bags, result folders."""
+"""Poses from files: result folders, TUM and KITTI text, MVSEC ground truth, ROS pose bags."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ import numpy as np
 
 from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
+from gpvo.evaluation.continuous import ContinuousPoses
 from gpvo.evaluation.rosbag import read_pose_bag
 from gpvo.poses import StampedPoses
+from gpvo.trajectory import Trajectory
 from gpvo.tum import parse_tum
 
 KITTI_FRAME_NS = 100_000_000
 """KITTI's cameras run at 10 Hz; used where no times.txt stands beside the poses."""
 
-TRAJECTORY_NAMES = ("trajectory.tum", "stamped_traj_estimate.txt")
-"""What `gpvo run` and rpg_trajectory_evaluation call the estimate in a folder."""
+TRAJECTORY_NAMES = ("trajectory.npz", "trajectory.tum", "stamped_traj_estimate.txt")
+"""What `gpvo run` and rpg_trajectory_evaluation call the estimate in a folder, best first."""
 
 
 def load_poses(path: Path | str, rig: StereoRig | None = None) -> StampedPoses:
@@ -27,15 +29,16 @@ def load_poses(path: Path | str, rig: StereoRig | None = None) -> StampedPoses:
     ----------
     path
         A TUM or KITTI text file, an MVSEC ground truth (HDF5), a ROS 1 or 2 bag with one pose topic
-        (several: append ":/topic" to the name), or a folder with trajectory.tum or
-        stamped_traj_estimate.txt in it.
+        (several: append ":/topic" to the name), a continuous trajectory that `gpvo run` saved
+        (.npz), or a folder with one of TRAJECTORY_NAMES in it.
     rig
         Calibration; needed for MVSEC, whose poses are those of the raw left camera.
 
     Returns
     -------
     StampedPoses
-        T_world_cam as the file holds it; for MVSEC, of the rectified left camera.
+        T_world_cam as the file holds it; for MVSEC, of the rectified left camera. A continuous
+        trajectory gives `ContinuousPoses`.
 
     Raises
     ------
@@ -49,6 +52,8 @@ def load_poses(path: Path | str, rig: StereoRig | None = None) -> StampedPoses:
         file = find_trajectory(file)
     if file.is_dir() or file.suffix in (".bag", ".db3", ".mcap"):
         return read_pose_bag(file, topic)
+    if file.suffix == ".npz":
+        return ContinuousPoses.of(Trajectory.load(file))
     if h5py.is_hdf5(file):
         return read_mvsec_poses(file, rig)
     return read_text_poses(file)

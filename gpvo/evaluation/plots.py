@@ -6,7 +6,6 @@ The world of every plot is the first camera: x to the right, y down, z forward.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from numpy.typing import ArrayLike
 
 from factors.lie import se3_inverse
+from gpvo.evaluation.stretches import Stretch
 from gpvo.poses import StampedPoses
 
 if TYPE_CHECKING:
@@ -27,16 +27,6 @@ if TYPE_CHECKING:
 TRUTH_COLOUR = "#555555"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Of M. Okabe and K. Ito, told apart by colour-blind readers too."""
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """A stretch of time worth shading, in absolute nanoseconds."""
-
-    start_ns: int
-    stop_ns: int
-    label: str
-    colour: str = "#999999"
 
 
 def path_figure(estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None) -> Figure:
@@ -143,6 +133,7 @@ def _shade(
         ends = (np.array([stretch.start_ns, stretch.stop_ns]) - start_ns) * 1e-9
         if over == "path":
             ends = np.interp(ends, seconds, evaluation.distances)
+        ends = np.clip(ends, 0.0, (evaluation.distances if over == "path" else seconds)[-1])
         for index, axes in enumerate(rows):
             label = stretch.label if index == 0 else None
             axes.axvspan(*ends, color=stretch.colour, alpha=0.2, linewidth=0, label=label)
@@ -178,10 +169,11 @@ def colours(count: int) -> list[str]:
 
 
 def shared_legend(figure: Figure, axes: Axes) -> None:
-    """One legend above all axes, from the labels of one of them."""
+    """One legend above all axes, from the labels of one of them, each once."""
     handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
+    entries = dict(zip(labels, handles, strict=True))
+    if entries:
+        figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=5, frameon=False)
 
 
 def _label(axes: Axes, x: str, y: str) -> None:

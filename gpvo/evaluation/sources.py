@@ -113,7 +113,8 @@ def _sequence(
 
 
 def _label(path: Path) -> str:
-    return "gpvo" if (path / "trajectory.tum").exists() else path.stem
+    ours = (path / "trajectory.tum").exists() or path.name == "trajectory.npz"
+    return "gpvo" if ours else path.stem
 
 
 def _ground_truth_of(estimate: Path) -> Path:

@@ -5,7 +5,6 @@ import pytest
 
 from gpvo.evaluation import evaluate
 from gpvo.evaluation.plots import (
-    Stretch,
     error_figure,
     path_figure,
     path_figure_3d,
@@ -13,6 +12,7 @@ from gpvo.evaluation.plots import (
     save_figure,
     series_figure,
 )
+from gpvo.evaluation.stretches import Stretch
 
 
 @pytest.fixture(scope="module")
