@@ -194,6 +194,21 @@ class EstimatorConfig(StageConfig):
         0.01, gt=0, lt=1, description="Gauss-Newton ends when the cost changes by less than this."
     )
     iterations: int = Field(15, ge=1, description="Largest number of Gauss-Newton steps.")
+    loss: Literal["none", "huber", "cauchy", "gnc"] = Field(
+        "none",
+        description="Loss of a measurement's error: none is least squares, as in the paper; gnc is "
+        "Geman-McClure by graduated non-convexity.",
+    )
+    loss_scale: float = Field(
+        3.0, gt=0, description="Error beyond which a loss lets go, standard deviations (norm)."
+    )
+    gate: float = Field(
+        0.0,
+        ge=0,
+        lt=1,
+        description="Leave out new measurements whose Mahalanobis distance from their prediction "
+        "is larger than that of this share of all inliers, such as 0.9999; 0 takes all.",
+    )
     covariance_interval: float = Field(
         0.02, gt=0, description="Time between states whose joint covariance is kept, seconds."
     )
