@@ -10,20 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import power_spectral_density
+from factors.checks import checked_array, power_spectral_density
 from factors.kernels import Array, copy_kernel, kernel
 from factors.local import (
     EXACT,
-    backward_adjoint_kernel,
     hermite_weights,
     interpolated_local_kernel,
-    local_by_states_kernel,
-    local_jacobian_kernel,
     local_state_kernel,
-    moved_jacobian_kernel,
     moved_kernel,
 )
-from factors.wnoa import kronecker
+from factors.wnoa import kronecker, whitening, wnoa_kernel
 
 
 class InterpolatedState(NamedTuple):
@@ -77,16 +73,21 @@ def interpolate(
     a, b = _spread(t - t_i, batch, ()), _spread(t_j - t, batch, ())
     local = np.empty((len(a), 12))
     _interpolate_batch(T_i, v_i, T_j, v_j, a, b, local)
+    pose, velocity = _moved(T_i, local)
     covariance = None
     if joint_covariance is not None:
         if qc is None:
             raise ValueError("qc is needed to interpolate a covariance")
-        local_by_states = np.empty((len(a), 12, 24))
-        _local_by_states_batch(T_i, T_j, v_j, a, b, local_by_states)
-        joint = _spread(joint_covariance, batch, (24, 24))
-        bridge = kronecker(bridge_covariance(a, b), power_spectral_density(qc))
-        covariance = _moved_covariance(local, local_by_states, joint, bridge)
-    return _moved_state(T_i, local, covariance, batch)
+        joint = checked_array("joint_covariance", joint_covariance, (24, 24))
+        root = _spread(_square_root(joint), batch, (24, 24))
+        qc = power_spectral_density(qc)
+        from_i = _whitened_prior(T_i, v_i, pose, velocity, a, qc)
+        to_j = _whitened_prior(pose, velocity, T_j, v_j, b, qc)
+        covariance = _between(from_i, to_j, root)
+        joint = _spread(joint, batch, (24, 24))
+        covariance[a == 0], covariance[b == 0] = joint[a == 0, :12, :12], joint[b == 0, 12:, 12:]
+        covariance = covariance.reshape(*batch, 12, 12)
+    return InterpolatedState(pose.reshape(*batch, 4, 4), velocity.reshape(*batch, 6), covariance)
 
 
 @kernel
@@ -100,66 +101,72 @@ def _interpolate_batch(
             local[n, i] = between[i]
 
 
-@kernel
-def _local_by_states_batch(
-    T_i: Array, T_j: Array, v_j: Array, a: Array, b: Array, derivatives: Array
-) -> None:
-    for n in range(len(a)):
-        local_j = local_state_kernel(T_i[n], T_j[n], v_j[n])
-        by_states_j = local_jacobian_kernel(local_j, v_j[n], EXACT)
-        weights = hermite_weights(a[n], b[n])
-        copy_kernel(local_by_states_kernel(by_states_j, weights), derivatives[n])
-
-
-def bridge_covariance(a: Array, b: Array) -> Array:
-    """(n, 2, 2) covariance of (xi, w) given both states, per unit of power spectral density.
-
-    The times a (n,) after state i and b (n,) before state j are in seconds.
-    """
-    dt = a + b
-    s, r = a / dt, b / dt
-    cross = a * b * s * r * (b - a) / (2 * dt)
-    rate = dt * s * r * (1 - 3 * s * r)
-    return np.stack([a * b * s * r * dt * s * r / 3, cross, cross, rate], -1).reshape(-1, 2, 2)
-
-
-def _moved_covariance(local: Array, by_states: Array, states: Array, bridge: Array) -> Array:
-    """Covariance (n, 12, 12) of the pose and twist, of those of the states and of the bridge.
-
-    `by_states` (n, 12, m) is the derivative of the local variables (n, 12) by the states, the pose
-    of state i in the first six columns.
-    """
-    by_local, by_pose_i = np.empty((len(local), 12, 12)), np.empty((len(local), 6, 6))
-    _moved_jacobian_batch(local, by_local, by_pose_i)
-    moved = by_local @ by_states
-    moved[:, :6, :6] += by_pose_i
-    covariance = moved @ states @ np.swapaxes(moved, 1, 2)
-    covariance += by_local @ bridge @ np.swapaxes(by_local, 1, 2)
-    return 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
-
-
-@kernel
-def _moved_jacobian_batch(local: Array, by_local: Array, by_pose_i: Array) -> None:
-    for n in range(len(local)):
-        copy_kernel(moved_jacobian_kernel(local[n]), by_local[n])
-        copy_kernel(backward_adjoint_kernel(local[n]), by_pose_i[n])
-
-
-def _moved_state(
-    T_i: Array, local: Array, covariance: Array | None, batch: tuple[int, ...]
-) -> InterpolatedState:
-    """The state with the given local variables around T_i, in the shape of the batch."""
+def _moved(T_i: Array, local: Array) -> tuple[Array, Array]:
+    """Poses (n, 4, 4) and twists (n, 6) of local variables (n, 12) around T_i (n, 4, 4)."""
     pose, velocity = np.empty((len(local), 4, 4)), np.empty((len(local), 6))
     _moved_batch(T_i, local, pose, velocity)
-    if covariance is not None:
-        covariance = covariance.reshape(*batch, 12, 12)
-    return InterpolatedState(pose.reshape(*batch, 4, 4), velocity.reshape(*batch, 6), covariance)
+    return pose, velocity
 
 
 @kernel
 def _moved_batch(T_i: Array, local: Array, T: Array, v: Array) -> None:
     for n in range(len(local)):
         moved_kernel(T_i[n], local[n], T[n], v[n])
+
+
+def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, qc: Array) -> Array:
+    """(n, 12, 24) derivatives of the prior's whitened error by states i and j, dt (n,) apart.
+
+    A duration of zero is taken as one second; its rows are not used.
+    """
+    dt = np.where(dt == 0, 1.0, dt)
+    derivatives = np.empty((len(dt), 12, 25))
+    _prior_batch(T_i, v_i, T_j, v_j, dt, derivatives)
+    zero = np.zeros_like(dt)
+    scalars = [np.sqrt(12 / dt**3), -np.sqrt(3 / dt), zero, np.sqrt(1 / dt)]
+    return kronecker(np.stack(scalars, -1).reshape(-1, 2, 2), whitening(qc)) @ derivatives[..., :24]
+
+
+@kernel
+def _prior_batch(
+    T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, derivatives: Array
+) -> None:
+    for n in range(len(dt)):
+        prior = wnoa_kernel(T_i[n], v_i[n], T_j[n], v_j[n], dt[n], True, EXACT)
+        copy_kernel(prior, derivatives[n])
+
+
+def _between(from_i: Array, to_j: Array, root: Array) -> Array:
+    """Covariance (n, 12, 12) of a state that two priors tie to states i and j.
+
+    As in a graph with that state put in: its conditional, by QR of the whitened derivatives, on the
+    joint covariance of states i and j, whose square root is given (n, 24, 24). All is a sum of
+    squares, so that the result is positive semidefinite.
+    """
+    own = np.concatenate([from_i[..., 12:], to_j[..., :12]], axis=1)
+    others = np.zeros((len(own), 24, 24))
+    others[:, :12, :12], others[:, 12:, 12:] = from_i[..., :12], to_j[..., 12:]
+    Q, R = np.linalg.qr(own)
+    inverse = np.linalg.inv(R)
+    gain = inverse @ (np.swapaxes(Q, 1, 2) @ others)
+    return _sum_of_squares(gain @ root, inverse)
+
+
+def _square_root(covariance: Array) -> Array:
+    """Square roots L (..., m, m), LLᵀ the covariance, of what may be singular up to rounding."""
+    eigenvalues, vectors = np.linalg.eigh(covariance)
+    smallest, largest = eigenvalues[..., 0], eigenvalues[..., -1]
+    if (smallest < -1e-8 * largest).any():
+        raise ValueError("covariance must be positive semidefinite")
+    root: Array = vectors * np.sqrt(np.maximum(eigenvalues, 0))[..., None, :]
+    return root
+
+
+def _sum_of_squares(*roots: Array) -> Array:
+    """Sum of LLᵀ (n, m, m) over the roots L (n, m, k)."""
+    root = np.concatenate(roots, axis=-1)
+    total: Array = root @ np.swapaxes(root, -1, -2)
+    return total
 
 
 def _spread(array: ArrayLike, batch: tuple[int, ...], element: tuple[int, ...]) -> Array:
@@ -197,15 +204,20 @@ def extrapolate(
     batch = np.broadcast_shapes(dt.shape, np.shape(v_i)[:-1])
     T_i, v_i, dt = _spread(T_i, batch, (4, 4)), _spread(v_i, batch, (6,)), _spread(dt, batch, ())
     local = np.concatenate([dt[:, None] * v_i, v_i], axis=1)
+    pose, velocity = _moved(T_i, local)
     result = None
     if covariance is not None:
         if qc is None:
             raise ValueError("qc is needed to extrapolate a covariance")
-        zero, one = np.zeros_like(dt), np.ones_like(dt)
-        by_state = kronecker(np.stack([zero, dt, zero, one], -1).reshape(-1, 2, 2), np.eye(6))
-        h = abs(dt)
-        noise = np.stack([h**3 / 3, h * dt / 2, h * dt / 2, h], -1).reshape(-1, 2, 2)
-        start = _spread(covariance, batch, (12, 12))
-        noise = kronecker(noise, power_spectral_density(qc))
-        result = _moved_covariance(local, by_state, start, noise)
-    return _moved_state(T_i, local, result, batch)
+        start = checked_array("covariance", covariance, (12, 12))
+        qc = power_spectral_density(qc)
+        ahead = _whitened_prior(T_i, v_i, pose, velocity, np.maximum(dt, 0), qc)
+        behind = _whitened_prior(pose, velocity, T_i, v_i, np.maximum(-dt, 0), qc)
+        own = np.where(dt[:, None, None] > 0, ahead[..., 12:], behind[..., :12])
+        other = np.where(dt[:, None, None] > 0, ahead[..., :12], behind[..., 12:])
+        inverse = np.linalg.inv(own)
+        root = _spread(_square_root(start), batch, (12, 12))
+        result = _sum_of_squares(inverse @ other @ root, inverse)
+        result[dt == 0] = _spread(start, batch, (12, 12))[dt == 0]
+        result = result.reshape(*batch, 12, 12)
+    return InterpolatedState(pose.reshape(*batch, 4, 4), velocity.reshape(*batch, 6), result)

@@ -99,19 +99,6 @@ def interpolated_local_kernel(v_i: Array, local_j: Array, weights: Array) -> Arr
 
 
 @inner_kernel
-def local_by_states_kernel(by_states_j: Array, weights: Array) -> Array:
-    """(12, 24) derivative of the interpolated local variables by both states, of state j's."""
-    result = np.zeros((12, 24))
-    for k in range(2):
-        for n in range(6):
-            result[6 * k + n, 6 + n] = weights[0, k, 1]
-            for column in range(24):
-                for m in range(2):
-                    result[6 * k + n, column] += weights[1, k, m] * by_states_j[6 * m + n, column]
-    return result
-
-
-@inner_kernel
 def moved_kernel(T_i: Array, local: Array, T: Array, v: Array) -> None:
     """Write the pose T_i Exp(xi) and the twist Jr(xi) w of local variables (xi, w) around T_i."""
     step = exp_kernel(local)
@@ -125,21 +112,6 @@ def moved_kernel(T_i: Array, local: Array, T: Array, v: Array) -> None:
         v[i] = 0.0
         for j in range(6):
             v[i] += jacobian[i, j] * local[6 + j]
-
-
-@inner_kernel
-def moved_jacobian_kernel(local: Array) -> Array:
-    """(12, 12) derivative of the pose Exp(xi) and the twist Jr(xi) w by xi and w."""
-    k = jacobian_coefficients_kernel(local, RIGHT)
-    jacobian = polynomial_kernel(local, k)
-    by_xi = polynomial_derivative_kernel(local, k, local[6:])
-    result = np.zeros((12, 12))
-    for i in range(6):
-        for j in range(6):
-            result[i, j] = jacobian[i, j]
-            result[6 + i, 6 + j] = jacobian[i, j]
-            result[6 + i, j] = by_xi[i, j]
-    return result
 
 
 @inner_kernel
