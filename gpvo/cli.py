@@ -112,7 +112,7 @@ def evaluate(
 ) -> None:
     """Compare estimates with the ground truth: tables, plots, report."""
     from gpvo.evaluation.command import evaluate_command
-    from gpvo.evaluation.comparison import Protocol
+    from gpvo.evaluation.protocol import Protocol
 
     rig = read_kalibr(calibration) if calibration else None
     protocol = Protocol(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
 from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
-from gpvo.evaluation.comparison import Comparison, Contender, Protocol, compare
+from gpvo.evaluation.comparison import Comparison, compare
+from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.sources import SequenceSources, find_sources
 from gpvo.evaluation.table_formats import to_rich
 
@@ -71,13 +73,24 @@ def parse_competitor(text: str) -> tuple[str, Path]:
 def load_contenders(
     sources: SequenceSources, rig: StereoRig | None, at_competitor: bool
 ) -> list[Contender]:
-    """Read the poses; with competitors, the first estimate is queried at the second's states."""
+    """Read the poses; with competitors, the first estimate is asked at the first one's states."""
     contenders = [Contender(source.name, *source.load(rig)) for source in sources.estimates]
-    if at_competitor:
-        first, competitor = contenders[:2]
-        stamps_ns = competitor.estimate.stamps_ns
-        contenders[0] = Contender(first.name, first.estimate, first.ground_truth, stamps_ns)
-    return contenders
+    return at_states_of_competitor(contenders) if at_competitor else contenders
+
+
+def at_states_of_competitor(contenders: Sequence[Contender]) -> list[Contender]:
+    """Ask the first estimate, and every continuous one, at the states of the first competitor.
+
+    Continuous competitors have no states to compare at; where all are continuous, nothing changes.
+    """
+    first, *others = contenders
+    reference = next((one for one in [*others, first] if not one.continuous), None)
+    return [
+        replace(one, at_states_of=reference)
+        if one is not reference and (one is first or one.continuous)
+        else one
+        for one in contenders
+    ]
 
 
 STRANGE_ROTATION = 0.35

@@ -173,7 +173,9 @@ def shared_legend(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(labels, handles, strict=True))
     if entries:
-        figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=5, frameon=False)
+        figure.legend(
+            entries.values(), entries.keys(), loc="outside upper center", ncols=5, frameon=False
+        )
 
 
 def _label(axes: Axes, x: str, y: str) -> None:

@@ -59,8 +59,8 @@ def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
     return {
         "path_3d": path_figure_3d(estimates, ground_truth),
         "path": path_figure(estimates, ground_truth),
-        "error_over_path": error_figure(evaluations, over="path"),
-        "error_over_time": error_figure(evaluations, over="time"),
+        "error_over_path": error_figure(evaluations, "path", comparison.stretches),
+        "error_over_time": error_figure(evaluations, "time", comparison.stretches),
     }
 
 

@@ -1,0 +1,40 @@
+"""A continuous trajectory among stamped poses: asked at any time instead of interpolated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gpvo.poses import StampedPoses
+from gpvo.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class ContinuousPoses(StampedPoses):
+    """Poses at the states of a trajectory, which gives the exact ones at any other time."""
+
+    trajectory: Trajectory
+
+    @staticmethod
+    def of(trajectory: Trajectory) -> ContinuousPoses:
+        """The poses at a trajectory's states."""
+        poses = trajectory.stamped_poses()
+        return ContinuousPoses(poses.stamps_ns, poses.T_world_cam, trajectory)
+
+    def interpolate(self, stamps_ns: ArrayLike) -> StampedPoses:
+        """Poses at the given increasing stamps, of the trajectory's own Gaussian process.
+
+        Raises
+        ------
+        InputError
+            If a stamp lies before the first state or after the last.
+        """
+        query = np.asarray(stamps_ns, np.int64)
+        self.require_cover(query)
+        trajectory = self.trajectory
+        seconds = (query - trajectory.start_ns) * 1e-9
+        # Stamps are whole nanoseconds, so that the ends may lie just outside.
+        inside = np.clip(seconds, trajectory.start, trajectory.stop)
+        return StampedPoses(query, trajectory.pose(inside))

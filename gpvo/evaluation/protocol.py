@@ -1,0 +1,134 @@
+"""How a comparison is made, and who takes part in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from gpvo.errors import InputError
+from gpvo.evaluation.association import associate, resample, tolerance_for
+from gpvo.evaluation.continuous import ContinuousPoses
+from gpvo.evaluation.evaluate import Interpolation
+from gpvo.evaluation.paper import FrameTransform
+from gpvo.poses import StampedPoses
+
+Association = Literal["nearest", "interpolated"]
+BodyAlignment = Literal["none", "rotation", "full"]
+
+STEP = 0.01
+"""Seconds between the poses of a continuous trajectory that are compared."""
+
+STEP_RESOLUTION = 1e-6
+"""Shortest step that makes sense, seconds."""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How estimates are compared with the ground truth.
+
+    Attributes
+    ----------
+    step
+        Compare every so many seconds. None, as in the paper: at each contender's states, see
+        `Contender`.
+    truth_between
+        How the ground truth is interpolated, see `evaluate`.
+    association
+        Poses for ATE, RPE and drift: the "nearest" in time, as evo takes them, or the denser
+        trajectory "interpolated" at the sparser one's stamps.
+    max_difference
+        Seconds that the nearest may be away; None: 0.02, or 0.3 intervals of a sparse truth.
+    aligned_at
+        Frame transform of the relative error, see `relative_error`.
+    align_body
+        First remove the constant "rotation" (or "full" offset) between the body whose motion was
+        estimated and the one of the ground truth.
+    align_time
+        First remove the constant offset between the clocks.
+
+    Raises
+    ------
+    InputError
+        If `step` is not positive or `max_difference` is negative.
+    """
+
+    step: float | None = None
+    truth_between: Interpolation = "linear"
+    association: Association = "nearest"
+    max_difference: float | None = None
+    aligned_at: FrameTransform = "step"
+    align_body: BodyAlignment = "none"
+    align_time: bool = False
+
+    def __post_init__(self) -> None:
+        if self.step is not None and not STEP_RESOLUTION <= self.step < np.inf:
+            raise InputError(f"--step {self.step:g}: give seconds, at least {STEP_RESOLUTION:g}")
+        if self.max_difference is not None and not 0.0 <= self.max_difference < np.inf:
+            raise InputError(f"--max-difference {self.max_difference:g}: give seconds, 0 or more")
+
+    def pair(
+        self, estimate: StampedPoses, ground_truth: StampedPoses
+    ) -> tuple[StampedPoses, StampedPoses]:
+        """Poses that belong together."""
+        if self.association == "interpolated":
+            return resample(estimate, ground_truth)
+        return associate(estimate, ground_truth, self.tolerance(ground_truth))
+
+    def tolerance(self, ground_truth: StampedPoses) -> float:
+        """Seconds that associated poses may differ."""
+        if self.max_difference is None:
+            return tolerance_for(ground_truth)
+        return self.max_difference
+
+    def describe(self, contenders: Sequence[Contender]) -> str:
+        """One sentence to stand below the tables."""
+        where = f"every {self.step:g} s" if self.step else places(contenders)
+        between = "by the Gaussian process" if self.truth_between == "gp" else "linearly"
+        text = f"Compared {where}, first poses aligned, ground truth interpolated {between}; "
+        if self.association == "nearest":
+            tolerance = self.tolerance(contenders[0].ground_truth)
+            text += f"ATE, RPE, drift: poses within {tolerance:.2g} s"
+        else:
+            text += "ATE, RPE, drift: interpolated at the sparser trajectory's stamps"
+        if self.align_body != "none":
+            text += f"; constant body offset removed ({self.align_body})"
+        return text + ("; constant clock offset removed." if self.align_time else ".")
+
+
+@dataclass(frozen=True)
+class Contender:
+    """An estimate and the ground truth that it is compared with.
+
+    It is compared at its own states, a continuous trajectory every 0.01 s, or at those of another
+    contender: the paper takes the competitor's, so that both have the same time between poses.
+    """
+
+    name: str
+    estimate: StampedPoses
+    ground_truth: StampedPoses
+    at_states_of: Contender | None = None
+
+    @property
+    def continuous(self) -> bool:
+        """Whether the estimate can be asked at any time."""
+        return isinstance(self.estimate, ContinuousPoses)
+
+    @property
+    def place(self) -> str:
+        """Where it is compared, in words."""
+        if self.at_states_of is not None:
+            return f"at the states of {self.at_states_of.name}"
+        return f"every {STEP:g} s" if self.continuous else "at its own states"
+
+
+def places(contenders: Sequence[Contender]) -> str:
+    """Where they are compared, in words."""
+    groups: dict[str, list[str]] = {}
+    for contender in contenders:
+        groups.setdefault(contender.place, []).append(contender.name)
+    if len(groups) == 1:
+        return contenders[0].place
+    return ", ".join(f"{' and '.join(names)} {place}" for place, names in groups.items())

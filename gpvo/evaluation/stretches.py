@@ -1,0 +1,70 @@
+"""Stretches of time where an estimate had little to go by, to shade in the figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpvo.trajectory import Trajectory
+
+BIN = 0.1
+"""Seconds in which states are counted."""
+
+FEW = 0.25
+"""Less than this part of the median number of states is few."""
+
+LONGEST_GAP = 0.2
+"""Seconds between states, two clusters' at most; where it is longer only the motion prior spoke."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of time worth shading, in absolute nanoseconds."""
+
+    start_ns: int
+    stop_ns: int
+    label: str
+    colour: str = "#999999"
+
+    def later(self, offset_ns: int) -> Stretch:
+        """The same stretch on another clock."""
+        return replace(self, start_ns=self.start_ns + offset_ns, stop_ns=self.stop_ns + offset_ns)
+
+
+def weak_stretches(trajectory: Trajectory) -> list[Stretch]:
+    """Where a trajectory has few states, grey, and where it has none, pink, as in the paper.
+
+    States stand where measurements were; with key times, only gaps can be seen.
+    """
+    few = [_stretch(trajectory, *ends, "few measurements") for ends in _thin(trajectory.t)]
+    none = [
+        _stretch(trajectory, *ends, "motion prior alone", "#cc79a7") for ends in _gaps(trajectory.t)
+    ]
+    return few + none
+
+
+def _stretch(
+    trajectory: Trajectory, start: float, stop: float, label: str, colour: str = "#999999"
+) -> Stretch:
+    start_ns, stop_ns = trajectory.stamps_ns(np.array([start, stop]))
+    return Stretch(int(start_ns), int(stop_ns), label, colour)
+
+
+def _thin(t: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Start and stop of runs of bins with few states."""
+    edges = np.arange(t[0], t[-1], BIN)
+    if len(edges) < 2:
+        return []
+    counts, _ = np.histogram(t, edges)
+    few = (counts > 0) & (counts < FEW * np.median(counts))
+    thin = np.concatenate([[False], few, [False]])
+    starts, stops = np.flatnonzero(np.diff(thin.astype(int))).reshape(-1, 2).T
+    return list(zip(edges[starts], edges[stops], strict=True))
+
+
+def _gaps(t: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Start and stop of long gaps between states."""
+    first = np.flatnonzero(np.diff(t) > LONGEST_GAP)
+    return list(zip(t[first], t[first + 1], strict=True))
