@@ -54,23 +54,32 @@ def cluster_events(
     """Cut a stereo event stream into clusters.
 
     A cluster ends after `config.window` seconds, or as soon as either camera has
-    `config.max_events` events. A last window that the stream does not fill is dropped.
+    `config.max_events` events. A last one that the stream fills less than half is dropped.
     """
+
+    def cluster(start: float, stop: float) -> StereoCluster:
+        images = [
+            event_image(events.between(start, stop), table, rig.resolution)
+            for events, table in zip((left, right), rig.tables, strict=True)
+        ]
+        return StereoCluster(start, stop, *images)
+
     left, right = Events.empty(), Events.empty()
-    start: float | None = None
+    start = end = None
     for slab in slabs:
-        start = slab.start if start is None else start
+        start, end = slab.start if start is None else start, slab.stop
         left = Events.concatenate([left, slab.left])
         right = Events.concatenate([right, slab.right])
         while (stop := _cluster_end(left.t, right.t, start, config)) <= slab.stop:
-            yield StereoCluster(
-                start,
-                stop,
-                event_image(left.between(start, stop), rig.tables[0], rig.resolution),
-                event_image(right.between(start, stop), rig.tables[1], rig.resolution),
-            )
+            yield cluster(start, stop)
             left, right = left.between(stop, np.inf), right.between(stop, np.inf)
             start = stop
+    if start is None or end is None:
+        return
+    filled_by_time = (end - start) / config.window
+    filled_by_events = max(len(left), len(right)) / config.max_events
+    if max(filled_by_time, filled_by_events) >= 0.5:
+        yield cluster(start, end)
 
 
 def _cluster_end(

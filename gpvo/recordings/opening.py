@@ -9,6 +9,7 @@ from typing import NamedTuple
 from gpvo.errors import InputError
 from gpvo.recordings.base import Recording
 from gpvo.recordings.mvsec import MvsecRecording, is_mvsec
+from gpvo.recordings.resolution import check_resolution
 
 
 class Format(NamedTuple):
@@ -42,7 +43,9 @@ def open_recording(path: Path | str, calibration: Path | str | None = None) -> R
     _check_file(path)
     for candidate in FORMATS:
         if candidate.recognise(path):
-            return candidate.open(path, calibration)
+            recording = candidate.open(path, calibration)
+            check_resolution(recording, calibration)
+            return recording
     known = "; ".join(candidate.name for candidate in FORMATS)
     raise InputError(f"{path}: is not a recording that gpvo reads; it reads {known}")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -84,8 +85,9 @@ def test_a_cluster_ends_by_time_or_by_the_count_of_either_camera(
             if len(t) >= config.max_events:
                 filled.append(t[config.max_events - 1])
         by_time = cluster.start + config.window
-        first = min(filled, default=np.inf)
-        assert cluster.stop == (np.nextafter(first, 2) if first < by_time else by_time)
+        first = min([*filled, 1.0])  # the stream's end
+        by_count = first if first == 1.0 else np.nextafter(first, 2)
+        assert cluster.stop == min(by_count, by_time)
 
 
 @given(seeds, cut_lists, configs)
@@ -103,10 +105,11 @@ def test_clusters_do_not_depend_on_the_slabs(
             assert x.event_count == y.event_count
 
 
-def test_an_unfilled_last_window_is_dropped() -> None:
+@pytest.mark.parametrize(("window", "stops"), [(0.3, [0.3, 0.6, 0.9]), (0.65, [0.65, 1.0])])
+def test_a_last_window_less_than_half_full_is_dropped(window: float, stops: list[float]) -> None:
     left, right = random_stream(0)
-    found = clusters(left, right, [], ClusteringConfig(window=0.3, max_events=10_000))
-    assert [round(c.stop, 9) for c in found] == [0.3, 0.6, 0.9]
+    found = clusters(left, right, [], ClusteringConfig(window=window, max_events=10_000))
+    assert [round(c.stop, 9) for c in found] == stops
 
 
 def random_table(rng: np.random.Generator) -> NDArray[np.float32]:

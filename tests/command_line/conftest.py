@@ -1,0 +1,27 @@
+"""A simulated recording on disk, in MVSEC's layout, as `gpvo run` reads it."""
+
+from __future__ import annotations
+
+import pytest
+from run_files import RecordingFiles
+
+from gpvo.simulation.recording import SimulationConfig, simulate
+
+NAME = "simulated_hand_held_1"
+
+
+@pytest.fixture(scope="session")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> RecordingFiles:
+    folder = tmp_path_factory.mktemp("recording")
+    config = SimulationConfig(seed=1, duration=0.8, resolution=(240, 180), focal_length=160.0)
+    simulated = simulate(config)
+    simulated.write_mvsec(folder)
+    (folder / "config.yaml").write_text(
+        "tracking: {patch: {max_features: 40}}\nclustering: {max_events: 10000}\n"
+    )
+    return RecordingFiles(
+        folder / f"{NAME}_data.hdf5",
+        folder / f"camchain-{NAME}.yaml",
+        folder / f"{NAME}_gt.hdf5",
+        folder / "config.yaml",
+    )

@@ -1,0 +1,280 @@
+"""`gpvo run` from files to files."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+import yaml
+from run_files import RecordingFiles
+
+from gpvo import Odometry, Trajectory, open_recording
+from gpvo.cli import main
+from gpvo.configuration_file import load_configuration
+from gpvo.tum import read_tum
+
+FILES = {
+    "config.yaml",
+    "error.png",
+    "ground_truth.tum",
+    "metrics.json",
+    "path.png",
+    "tracklets.png",
+    "trajectory.npz",
+    "trajectory.tum",
+}
+
+
+@pytest.fixture
+def gpvo(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """Runs the command and gives its exit status, its output and its errors."""
+
+    def call(*arguments: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["gpvo", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        code = ended.value.code
+        return (code if isinstance(code, int) else 0), captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def result(recording: RecordingFiles, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of one run."""
+    folder = tmp_path_factory.mktemp("result") / "first"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["gpvo", *recording.arguments(folder)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert not ended.value.code
+    return folder
+
+
+def test_all_files_are_written(result: Path) -> None:
+    assert {path.name for path in result.iterdir()} == FILES
+    for picture in result.glob("*.png"):
+        assert cv2.imread(str(picture)) is not None
+
+
+def test_second_run_writes_the_same_bytes(
+    recording: RecordingFiles, result: Path, tmp_path: Path, gpvo: Callable
+) -> None:
+    code, out, _ = gpvo(*recording.arguments(tmp_path / "second"))
+    assert code == 0
+    assert "final" in out and "ATE" in out and "real time" in out
+    for name in FILES:
+        assert (tmp_path / "second" / name).read_bytes() == (result / name).read_bytes(), name
+
+
+def test_python_gives_the_same_trajectory(recording: RecordingFiles, result: Path) -> None:
+    opened = open_recording(recording.data, recording.calibration)
+    trajectory = Odometry(opened.rig, load_configuration(recording.config)).run(opened)
+    saved = Trajectory.load(result / "trajectory.npz")
+    assert np.array_equal(saved.t, trajectory.t)
+    assert np.array_equal(saved.T_world_cam, trajectory.T_world_cam)
+    assert np.array_equal(saved.knot_covariance, trajectory.knot_covariance)
+
+
+def test_trajectory_follows_the_true_motion(result: Path) -> None:
+    metrics = json.loads((result / "metrics.json").read_text())
+    assert metrics["run"]["clusters_without_inliers"] <= 2
+    assert metrics["errors"]["coverage"] > 0.8
+    translation = metrics["errors"]["global_error"]["translation"]
+    assert translation["final_percent"] < 15
+
+
+def test_tum_file_has_absolute_stamps_from_the_first_pose_on(
+    recording: RecordingFiles, result: Path
+) -> None:
+    poses, trajectory = (
+        read_tum(result / "trajectory.tum"),
+        Trajectory.load(result / "trajectory.npz"),
+    )
+    assert np.array_equal(poses.stamps_ns, trajectory.stamps_ns(trajectory.t))
+    assert trajectory.start_ns == open_recording(recording.data, recording.calibration).start_ns
+    assert np.allclose(poses.T_world_cam[0], np.eye(4), atol=1e-9)
+
+
+def test_configuration_of_the_run_is_kept(
+    recording: RecordingFiles, result: Path, gpvo: Callable, tmp_path: Path
+) -> None:
+    assert load_configuration(result / "config.yaml") == load_configuration(recording.config)
+    short = ["--duration", "0.3", "--seed", "7"]
+    code, *_ = gpvo(*recording.arguments(tmp_path / "short"), *short)
+    assert code == 0
+    assert load_configuration(tmp_path / "short" / "config.yaml").seed == 7
+    part = Trajectory.load(tmp_path / "short" / "trajectory.npz")
+    assert part.stop < 0.3
+
+
+def test_start_and_duration_choose_a_part(
+    recording: RecordingFiles, gpvo: Callable, tmp_path: Path
+) -> None:
+    code, *_ = gpvo(*recording.arguments(tmp_path / "part"), "--start", "0.3", "--duration", "0.3")
+    part = Trajectory.load(tmp_path / "part" / "trajectory.npz")
+    assert code == 0
+    assert part.start >= 0.3
+    assert part.stop <= 0.6
+
+
+def test_without_ground_truth_there_is_a_trajectory_and_no_error(
+    recording: RecordingFiles, gpvo: Callable, tmp_path: Path
+) -> None:
+    common = ["--config", recording.config, "--calibration", recording.calibration]
+    code, *_ = gpvo("run", recording.data, *common, "--output", tmp_path, "--duration", "0.3")
+    assert code == 0
+    assert json.loads((tmp_path / "metrics.json").read_text())["errors"] is None
+    assert not (tmp_path / "error.png").exists()
+
+
+def test_default_configuration_is_printed_and_read_back(gpvo: Callable, tmp_path: Path) -> None:
+    code, out, _ = gpvo("config")
+    assert code == 0
+    (tmp_path / "config.yaml").write_text(out)
+    from gpvo import Configuration
+
+    assert load_configuration(tmp_path / "config.yaml") == Configuration()
+    assert yaml.safe_load(out)["noise"]["acceleration_psd"][:3] == [0.002] * 3
+
+
+class TestBadInput:
+    """One clear line, exit status 2, and no file that could be taken for a result."""
+
+    @pytest.fixture
+    def fails(
+        self, recording: RecordingFiles, gpvo: Callable, tmp_path: Path
+    ) -> Callable[..., None]:
+        def check(expected: str, *options: str | Path, **files: Path) -> None:
+            changed = RecordingFiles(**{**vars(recording), **files})
+            code, _, error = gpvo(*changed.arguments(tmp_path / "out"), *options)
+            assert code == 2, error
+            assert error.count("\n") == 1, error
+            assert expected in error, error
+            assert not list((tmp_path / "out").glob("*"))
+
+        return check
+
+    def edited(
+        self, recording: RecordingFiles, tmp_path: Path, edit: Callable[[h5py.File], None]
+    ) -> Path:
+        path = tmp_path / "edited.hdf5"
+        path.write_bytes(recording.data.read_bytes())
+        with h5py.File(path, "r+") as file:
+            edit(file)
+        return path
+
+    def test_missing_file(self, fails: Callable, tmp_path: Path) -> None:
+        fails("nowhere.hdf5", data=tmp_path / "nowhere.hdf5")
+
+    def test_missing_calibration(self, fails: Callable, tmp_path: Path) -> None:
+        fails("nowhere.yaml", calibration=tmp_path / "nowhere.yaml")
+
+    def test_missing_ground_truth(self, fails: Callable, tmp_path: Path) -> None:
+        fails("nowhere.tum", ground_truth=tmp_path / "nowhere.tum")
+
+    def test_missing_configuration(self, fails: Callable, tmp_path: Path) -> None:
+        fails("nowhere.yaml", config=tmp_path / "nowhere.yaml")
+
+    @pytest.mark.parametrize("part", [0.1, 0.5, 0.9])
+    def test_truncated_file(
+        self, fails: Callable, recording: RecordingFiles, tmp_path: Path, part: float
+    ) -> None:
+        content = recording.data.read_bytes()
+        path = tmp_path / "truncated.hdf5"
+        path.write_bytes(content[: int(part * len(content))])
+        fails("truncated.hdf5", data=path)
+
+    def test_empty_stream(self, fails: Callable, recording: RecordingFiles, tmp_path: Path) -> None:
+        def empty(file: h5py.File) -> None:
+            del file["davis/left/events"]
+            file["davis/left/events"] = np.empty((0, 4))
+
+        fails("davis/left/events", data=self.edited(recording, tmp_path, empty))
+
+    def test_missing_right_camera(
+        self, fails: Callable, recording: RecordingFiles, tmp_path: Path
+    ) -> None:
+        def remove(file: h5py.File) -> None:
+            del file["davis/right"]
+
+        fails("davis/right", data=self.edited(recording, tmp_path, remove))
+
+    @pytest.mark.parametrize("resolution", [[120, 90], [480, 360]])
+    def test_calibration_of_another_resolution(
+        self, fails: Callable, recording: RecordingFiles, tmp_path: Path, resolution: list[int]
+    ) -> None:
+        chain = yaml.safe_load(recording.calibration.read_text())
+        for camera in chain.values():
+            camera["resolution"] = resolution
+        path = tmp_path / "other.yaml"
+        path.write_text(yaml.safe_dump(chain))
+        fails("calibration of this camera's resolution", calibration=path)
+
+    @pytest.mark.parametrize(("row", "time"), [(5000, np.nan), (5000, 0.0), (-1, np.inf)])
+    def test_times_that_are_no_times(
+        self,
+        fails: Callable,
+        recording: RecordingFiles,
+        tmp_path: Path,
+        row: int,
+        time: float,
+    ) -> None:
+        def spoil(file: h5py.File) -> None:
+            file["davis/left/events"][row, 2] = time
+
+        fails("davis/left/events", data=self.edited(recording, tmp_path, spoil))
+
+    def test_start_beyond_the_end(self, fails: Callable) -> None:
+        fails("--start", "--start", "100")
+
+    def test_ground_truth_of_another_time(self, fails: Callable, tmp_path: Path) -> None:
+        path = tmp_path / "other.tum"
+        path.write_text("5 0 0 0 0 0 0 1\n6 0 0 0 0 0 0 1\n")
+        fails("other.tum", ground_truth=path)
+
+    @pytest.mark.parametrize(
+        ("text", "field"),
+        [
+            ("estimator: {windw: 3}", "estimator.windw"),
+            ("estimator: {window: many}", "estimator.window"),
+            ("clustering: {max_events: -1}", "clustering.max_events"),
+            ("[1, 2]", "config.yaml"),
+            ("a: [", "config.yaml"),
+        ],
+    )
+    def test_configuration(self, fails: Callable, tmp_path: Path, text: str, field: str) -> None:
+        path = tmp_path / "config.yaml"
+        path.write_text(text)
+        fails(field, config=path)
+
+    def test_earlier_result_does_not_stay(
+        self, recording: RecordingFiles, gpvo: Callable, tmp_path: Path
+    ) -> None:
+        def spoil(file: h5py.File) -> None:
+            file["davis/left/events"][-10, 2] = 0.0
+
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "trajectory.tum").write_text("1 0 0 0 0 0 0 1\n")
+        path = self.edited(recording, tmp_path, spoil)
+        changed = RecordingFiles(**{**vars(recording), "data": path})
+        code, *_ = gpvo(*changed.arguments(tmp_path / "out"))
+        assert code == 2
+        assert not (tmp_path / "out" / "trajectory.tum").exists()
+
+    def test_output_that_is_a_file(
+        self, recording: RecordingFiles, gpvo: Callable, tmp_path: Path
+    ) -> None:
+        (tmp_path / "out").write_text("")
+        code, _, error = gpvo(*recording.arguments(tmp_path / "out"))
+        assert code == 2
+        assert str(tmp_path / "out") in error
