@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -17,6 +17,9 @@ from run_files import RecordingFiles
 from gpvo import Odometry, Trajectory, open_recording
 from gpvo.cli import main
 from gpvo.configuration_file import load_configuration
+from gpvo.errors import InputError
+from gpvo.recordings import StereoEvents
+from gpvo.recordings.mvsec import MvsecRecording
 from gpvo.tum import read_tum
 
 FILES = {
@@ -257,19 +260,27 @@ class TestBadInput:
         path.write_text(text)
         fails(field, config=path)
 
-    def test_earlier_result_does_not_stay(
-        self, recording: RecordingFiles, gpvo: Callable, tmp_path: Path
+    def test_earlier_result_does_not_stay_when_a_later_event_is_faulty(
+        self,
+        recording: RecordingFiles,
+        gpvo: Callable,
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        def spoil(file: h5py.File) -> None:
-            file["davis/left/events"][-10, 2] = 0.0
+        slabs = MvsecRecording.slabs
 
-        (tmp_path / "out").mkdir()
-        (tmp_path / "out" / "trajectory.tum").write_text("1 0 0 0 0 0 0 1\n")
-        path = self.edited(recording, tmp_path, spoil)
-        changed = RecordingFiles(**{**vars(recording), "data": path})
-        code, *_ = gpvo(*changed.arguments(tmp_path / "out"))
+        def interrupted(self: MvsecRecording, *interval: float) -> Iterator[StereoEvents]:
+            for slab in slabs(self, *interval):
+                if slab.start > 0.3:
+                    raise InputError("row 9: time goes backwards")
+                yield slab
+
+        monkeypatch.setattr(MvsecRecording, "slabs", interrupted)
+        (tmp_path / "trajectory.tum").write_text("1 0 0 0 0 0 0 1\n")
+        code, _, error = gpvo(*recording.arguments(tmp_path))
         assert code == 2
-        assert not (tmp_path / "out" / "trajectory.tum").exists()
+        assert "row 9" in error
+        assert not list(tmp_path.glob("*"))
 
     def test_output_that_is_a_file(
         self, recording: RecordingFiles, gpvo: Callable, tmp_path: Path
