@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -70,12 +71,20 @@ class Odometry:
 
     >>> odometry = Odometry(recording.rig)
     >>> trajectory = odometry.run(recording)
+
+    `stage`, if given, is entered around every stage with the stage's name, to time it.
     """
 
-    def __init__(self, rig: StereoRig, configuration: Configuration | None = None) -> None:
+    def __init__(
+        self,
+        rig: StereoRig,
+        configuration: Configuration | None = None,
+        stage: Callable[[str], AbstractContextManager[Any]] = nullcontext,
+    ) -> None:
         self.configuration = configuration or Configuration()
         self.reports: list[ClusterReport] = []
         self._rig = rig
+        self._stage = stage
         self._camera = StereoCamera(
             rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
         )
@@ -101,7 +110,8 @@ class Odometry:
             If the events are faulty, or no landmark could be tracked in any cluster.
         """
         slabs = recording.slabs(start, start + duration)
-        for cluster in cluster_events(slabs, self._rig, self.configuration.clustering):
+        clusters = cluster_events(slabs, self._rig, self.configuration.clustering)
+        for cluster in self._staged("events and clustering", clusters):
             report = self.process(cluster)
             if progress is not None:
                 progress(report)
@@ -115,20 +125,24 @@ class Odometry:
 
     def process(self, cluster: StereoCluster) -> ClusterReport:
         """Estimate the motion during one more cluster, the next in time."""
-        observations = self._tracker.track(cluster)
-        self._tracklets.add(cluster, observations)
-        segments, landmarks = self._tracklets.segments(self.configuration.mc_ransac.span)
-        fit = mc_ransac(
-            segments,
-            self._camera,
-            np.diag(self.configuration.noise.measurement_information),
-            self.configuration.mc_ransac,
-            self._rng,
-        )
-        inliers = landmarks[fit.inliers] if fit is not None else landmarks[:0]
-        self._tracklets.reject(np.setdiff1d(landmarks, inliers))
-        measurements = self._tracklets.take(inliers)
-        self._estimator.update(len(self.reports), cluster.stop, measurements, fit)
+        with self._stage("tracking"):
+            observations = self._tracker.track(cluster)
+        with self._stage("tracklets"):
+            self._tracklets.add(cluster, observations)
+            segments, landmarks = self._tracklets.segments(self.configuration.mc_ransac.span)
+        with self._stage("outlier rejection"):
+            fit = mc_ransac(
+                segments,
+                self._camera,
+                np.diag(self.configuration.noise.measurement_information),
+                self.configuration.mc_ransac,
+                self._rng,
+            )
+            inliers = landmarks[fit.inliers] if fit is not None else landmarks[:0]
+            self._tracklets.reject(np.setdiff1d(landmarks, inliers))
+        with self._stage("estimation"):
+            measurements = self._tracklets.take(inliers)
+            self._estimator.update(len(self.reports), cluster.stop, measurements, fit)
         self.reports.append(
             ClusterReport(
                 cluster.start,
@@ -145,6 +159,15 @@ class Odometry:
     def trajectory(self, start_ns: int = 0) -> Trajectory | None:
         """The trajectory so far; None before the first measurement."""
         return self._estimator.trajectory(start_ns)
+
+    def _staged(self, name: str, clusters: Iterator[StereoCluster]) -> Iterator[StereoCluster]:
+        """The same clusters, each made within a stage."""
+        while True:
+            with self._stage(name):
+                cluster = next(clusters, None)
+            if cluster is None:
+                return
+            yield cluster
 
     def _make_estimator(self) -> Estimator:
         config = self.configuration.estimator
