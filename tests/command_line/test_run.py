@@ -271,7 +271,7 @@ class TestBadInput:
 
         def interrupted(self: MvsecRecording, *interval: float) -> Iterator[StereoEvents]:
             for slab in slabs(self, *interval):
-                if slab.start > 0.3:
+                if interval and slab.start > 0.3:
                     raise InputError("row 9: time goes backwards")
                 yield slab
 
