@@ -10,7 +10,7 @@ from factors.kernels import Array
 
 def checked_array(name: str, array: ArrayLike, element: tuple[int, ...]) -> Array:
     """A contiguous array of finite numbers whose last axes are those of one element."""
-    checked = np.ascontiguousarray(array, np.float64)
+    checked = np.asarray(array, np.float64, order="C")
     batch = checked.ndim - len(element)
     if batch < 0 or checked.shape[batch:] != element:
         expected = ", ".join(["...", *map(str, element)])

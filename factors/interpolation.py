@@ -62,10 +62,14 @@ def interpolate(
     Raises
     ------
     ValueError
-        If the times are out of order, or a covariance is given without qc.
+        If an argument has another shape or is not finite, the times are out of order, or a
+        covariance is given without qc or is not positive semidefinite.
     """
+    T_i, T_j = checked_array("T_i", T_i, (4, 4)), checked_array("T_j", T_j, (4, 4))
+    v_i, v_j = checked_array("v_i", v_i, (6,)), checked_array("v_j", v_j, (6,))
     t_i, t_j, t = (np.asarray(x, np.float64) for x in (t_i, t_j, t))
-    batch = np.broadcast_shapes(t_i.shape, t_j.shape, t.shape, np.shape(v_i)[:-1])
+    shapes = T_i.shape[:-2], v_i.shape[:-1], T_j.shape[:-2], v_j.shape[:-1]
+    batch = np.broadcast_shapes(t_i.shape, t_j.shape, t.shape, *shapes)
     if not (np.all(t_i < t_j) and np.all(t_i <= t) and np.all(t <= t_j)):
         raise ValueError("t must lie between t_i and t_j, and t_i before t_j")
     T_i, T_j = _spread(T_i, batch, (4, 4)), _spread(T_j, batch, (4, 4))
@@ -154,9 +158,11 @@ def _between(from_i: Array, to_j: Array, root: Array) -> Array:
 
 def _square_root(covariance: Array) -> Array:
     """Square roots L (..., m, m), LLᵀ the covariance, of what may be singular up to rounding."""
-    eigenvalues, vectors = np.linalg.eigh(covariance)
-    smallest, largest = eigenvalues[..., 0], eigenvalues[..., -1]
-    if (smallest < -1e-8 * largest).any():
+    try:
+        return np.asarray(np.linalg.cholesky(covariance), np.float64)
+    except np.linalg.LinAlgError:
+        eigenvalues, vectors = np.linalg.eigh(covariance)
+    if (eigenvalues[..., 0] < -1e-8 * eigenvalues[..., -1]).any():
         raise ValueError("covariance must be positive semidefinite")
     root: Array = vectors * np.sqrt(np.maximum(eigenvalues, 0))[..., None, :]
     return root
@@ -169,9 +175,9 @@ def _sum_of_squares(*roots: Array) -> Array:
     return total
 
 
-def _spread(array: ArrayLike, batch: tuple[int, ...], element: tuple[int, ...]) -> Array:
+def _spread(array: Array, batch: tuple[int, ...], element: tuple[int, ...]) -> Array:
     """The array with its leading axes broadcast to `batch` and flattened."""
-    whole = np.broadcast_to(np.asarray(array, np.float64), (*batch, *element))
+    whole = np.broadcast_to(array, (*batch, *element))
     return np.ascontiguousarray(whole).reshape(-1, *element)
 
 
@@ -198,10 +204,12 @@ def extrapolate(
     Raises
     ------
     ValueError
-        If a covariance is given without qc.
+        If an argument has another shape or is not finite, or a covariance is given without qc or
+        is not positive semidefinite.
     """
-    dt = np.asarray(dt, np.float64)
-    batch = np.broadcast_shapes(dt.shape, np.shape(v_i)[:-1])
+    T_i, v_i = checked_array("T_i", T_i, (4, 4)), checked_array("v_i", v_i, (6,))
+    dt = checked_array("dt", dt, ())
+    batch = np.broadcast_shapes(dt.shape, T_i.shape[:-2], v_i.shape[:-1])
     T_i, v_i, dt = _spread(T_i, batch, (4, 4)), _spread(v_i, batch, (6,)), _spread(dt, batch, ())
     local = np.concatenate([dt[:, None] * v_i, v_i], axis=1)
     pose, velocity = _moved(T_i, local)

@@ -31,6 +31,8 @@ class StereoCamera:
         for name in ("fx", "fy", "baseline"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
+        if not np.isfinite([self.cx, self.cy]).all():
+            raise ValueError(f"cx and cy must be finite, not {self.cx} and {self.cy}")
 
     @property
     def parameters(self) -> Array:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.linalg
 from numpy.typing import NDArray
 
 from factors import interpolate
@@ -39,7 +40,12 @@ class Oracle:
         self.covariance, self.information = case["Qk_g"], P2 @ case["Qinv_s"] @ P2.T
         self.pose = relative(case["T1_s"], case["Ttau_ref_s"])
         self.velocity = -P @ case["wtau_ref_s"]
+        self.prior_covariance = block_diagonal([P @ c @ P.T for c in case["prior_cov_s"]])
         self.by_states = P2 @ np.vstack([case["JT_ref_s"], case["Jw_ref_s"]]) @ P4.T
+
+
+def block_diagonal(blocks: list[Array]) -> Array:
+    return np.asarray(scipy.linalg.block_diag(*blocks))
 
 
 def relative(T_i_world: Array, T_j_world: Array) -> Array:

@@ -1,0 +1,121 @@
+"""Bad input is refused with the name of the argument, before it can spoil a graph."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import gtsam
+import numpy as np
+import pytest
+from graphs import CAMERA, NOISE, QC
+from gtsam.symbol_shorthand import L, V, X
+
+from factors import (
+    EuclideanVelocityFactor,
+    InterpolatedStereoFactor,
+    ReprojectionVelocityFactor,
+    StereoCamera,
+    StereoReprojectionFactor,
+    TrackletFactor,
+    WnoaPriorFactor,
+    extrapolate,
+    interpolate,
+    wnoa_covariance,
+)
+
+good = np.array([180.0, 120.0, 6.0])
+behind = np.array([180.0, 120.0, -6.0])
+states = [(X(0), V(0), 0.0), (X(1), V(1), 0.1)]
+two = gtsam.noiseModel.Unit.Create(2)
+
+
+def prior(dt: float = 0.1, qc: Any = QC) -> object:
+    return WnoaPriorFactor(X(0), V(0), X(1), V(1), dt, qc)
+
+
+def stereo(measured: Any = good, model: Any = NOISE) -> object:
+    return StereoReprojectionFactor(measured, model, X(0), L(0), CAMERA)
+
+
+def between(t: float = 0.05, measured: Any = good, model: Any = NOISE, qc: Any = None) -> object:
+    keys = X(0), V(0), X(1), V(1), L(0)
+    return InterpolatedStereoFactor(measured, model, *keys, CAMERA, 0.0, 0.1, t, qc)
+
+
+def tracklet(
+    measured: Any = (good, good), times: Any = (0.01, 0.02), states: Any = states, qc: Any = QC
+) -> object:
+    return TrackletFactor(measured, times, NOISE, states, CAMERA, qc)
+
+
+def fast(point: Any = (0, 0, 3), dt: float = 0.1, measured: Any = (0, 0, 3)) -> object:
+    return EuclideanVelocityFactor(measured, NOISE, V(0), point, dt)
+
+
+def iterative(point: Any = (0, 0, 3), dt: float = 0.1, measured: Any = good) -> object:
+    return ReprojectionVelocityFactor(measured, NOISE, V(0), point, dt, CAMERA)
+
+
+def query(t: Any = 0.05, t_j: Any = 0.1, v_i: Any = (0,) * 6, **covariance: Any) -> object:
+    return interpolate(np.eye(4), v_i, np.eye(4), np.zeros(6), 0.0, t_j, t, **covariance)
+
+
+CASES: list[tuple[str, Callable[[], object]]] = [
+    ("dt", lambda: prior(dt=0.0)),
+    ("dt", lambda: prior(dt=-1e-6)),
+    ("dt", lambda: prior(dt=np.nan)),
+    ("qc", lambda: prior(qc=np.ones(5))),
+    ("qc", lambda: prior(qc=np.diag([1, 1, 1, 1, 1, -1.0]))),
+    ("qc", lambda: prior(qc=np.zeros(6))),
+    ("qc", lambda: prior(qc=np.eye(6) + np.eye(6, k=1))),
+    ("qc", lambda: prior(qc=np.full(6, np.nan))),
+    ("dt", lambda: wnoa_covariance(np.inf, QC)),
+    ("measured", lambda: stereo(good[:2])),
+    ("measured", lambda: stereo([np.nan, 1, 1])),
+    ("measured", lambda: stereo(behind)),
+    ("model", lambda: stereo(model=two)),
+    ("model", lambda: stereo(model=1.0)),
+    ("t = ", lambda: between(-0.01)),
+    ("t = ", lambda: between(0.11)),
+    ("t = ", lambda: between(np.nan)),
+    ("measured", lambda: between(measured=behind)),
+    ("model", lambda: between(model=two)),
+    ("qc", lambda: between(qc=-QC)),
+    ("measured", lambda: tracklet([good])),
+    ("measured", lambda: tracklet([good, behind])),
+    ("measured", lambda: tracklet([good, good * np.nan])),
+    ("times", lambda: tracklet(times=[0.02, 0.01])),
+    ("times", lambda: tracklet(times=[0.02])),
+    ("times", lambda: tracklet(times=[0.02, np.nan])),
+    ("times", lambda: tracklet(times=[0.02, 0.2])),
+    ("states", lambda: tracklet(states=states[::-1])),
+    ("states", lambda: tracklet(states=states[:1])),
+    ("qc", lambda: tracklet(qc=-QC)),
+    ("dt", lambda: fast(dt=0.0)),
+    ("point", lambda: fast(point=(0, 0))),
+    ("measured", lambda: fast(measured=(0, 0, np.inf))),
+    ("point", lambda: iterative(point=(0, 0, -1))),
+    ("dt", lambda: iterative(dt=-0.1)),
+    ("measured", lambda: iterative(measured=behind)),
+    ("t must", lambda: query(0.2)),
+    ("t must", lambda: query(np.nan)),
+    ("t_i before t_j", lambda: query(0.0, 0.0)),
+    ("v_i", lambda: query(v_i=np.zeros(5))),
+    ("v_i", lambda: query(v_i=np.full(6, np.nan))),
+    ("qc", lambda: query(joint_covariance=np.eye(24))),
+    ("joint_covariance", lambda: query(qc=QC, joint_covariance=np.eye(12))),
+    ("positive semidefinite", lambda: query(qc=QC, joint_covariance=-np.eye(24))),
+    ("dt", lambda: extrapolate(np.eye(4), np.zeros(6), np.nan)),
+    ("T_i", lambda: extrapolate(np.eye(3), np.zeros(6), 0.1)),
+    ("qc", lambda: extrapolate(np.eye(4), np.zeros(6), 0.1, None, np.eye(12))),
+    ("fx", lambda: StereoCamera(-1, 1, 0, 0, 0.1)),
+    ("cx", lambda: StereoCamera(1, 1, np.nan, 0, 0.1)),
+    ("baseline", lambda: StereoCamera(1, 1, 0, 0, 0.0)),
+]
+
+
+@pytest.mark.parametrize(("name", "call"), CASES)
+def test_the_argument_is_named(name: str, call: Callable[[], object]) -> None:
+    with pytest.raises(ValueError, match=name):
+        call()
