@@ -99,10 +99,10 @@ class TrackletConfig(StageConfig):
     """Section III-A.2: measurement times and the four filters."""
 
     time_radius: float = Field(
-        5.0,
+        15.0,
         ge=0,
-        description="A feature's time is the mean of the SAE within this radius, pixels; "
-        "0 takes the nearest event's time alone, as the paper does.",
+        description="A feature's time is the mean of the SAE within this radius, pixels: the patch "
+        "that is tracked. 0 takes the nearest event's time alone, as the paper does.",
     )
     max_stereo_time_difference: float = Field(
         0.020, gt=0, description="Largest time difference between left and right, seconds."
