@@ -9,7 +9,7 @@ from typing import NamedTuple
 from gpvo.errors import InputError
 from gpvo.recordings.base import Recording
 from gpvo.recordings.mvsec import MvsecRecording, is_mvsec
-from gpvo.recordings.resolution import check_resolution
+from gpvo.recordings.sensor_size import check_sensor_size
 
 
 class Format(NamedTuple):
@@ -44,7 +44,7 @@ def open_recording(path: Path | str, calibration: Path | str | None = None) -> R
     for candidate in FORMATS:
         if candidate.recognise(path):
             recording = candidate.open(path, calibration)
-            check_resolution(recording, calibration)
+            check_sensor_size(recording, calibration)
             return recording
     known = "; ".join(candidate.name for candidate in FORMATS)
     raise InputError(f"{path}: is not a recording that gpvo reads; it reads {known}")

@@ -15,7 +15,7 @@ SMALLEST_SHARE = 0.75
 """Of the calibrated width and height; sensors of one family differ by more."""
 
 
-def check_resolution(recording: Recording, calibration: Path | str | None) -> None:
+def check_sensor_size(recording: Recording, calibration: Path | str | None) -> None:
     """Compare the first events' pixels with the calibrated resolution.
 
     Raises
