@@ -4,6 +4,7 @@ from factors import lie
 from factors.constant_velocity import EuclideanVelocityFactor, ReprojectionVelocityFactor
 from factors.interpolated_stereo import InterpolatedStereoFactor
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
+from factors.optimize import optimize
 from factors.stereo import StereoCamera, StereoReprojectionFactor
 from factors.tracklet import TrackletFactor
 from factors.wnoa import (
@@ -26,6 +27,7 @@ __all__ = [
     "extrapolate",
     "interpolate",
     "lie",
+    "optimize",
     "wnoa_covariance",
     "wnoa_information",
     "wnoa_square_root_covariance",
