@@ -18,7 +18,7 @@ from factors.local import (
     rows_by_states_kernel,
 )
 from factors.stereo import StereoCamera, checked_measurement, reprojection_kernel
-from factors.values import pose_matrix
+from factors.values import STATE_COLUMNS, pose_matrix
 
 
 @kernel
@@ -116,8 +116,8 @@ def InterpolatedStereoFactor(
             jacobians is not None,
         )
         if jacobians is not None:
-            for block in range(4):
-                jacobians[block] = result[:, 6 * block : 6 * block + 6]
+            for block, columns in enumerate(STATE_COLUMNS):
+                jacobians[block] = result[columns]
             jacobians[4] = result[:, 24:27]
         return result[:, 27]
 

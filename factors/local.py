@@ -50,7 +50,8 @@ def local_jacobian_kernel(local: Array, v_j: Array, higher: float) -> Array:
     """
     k = inverse_coefficients_kernel(local, LEFT)
     left = polynomial_kernel(local, k)
-    k = inverse_coefficients_kernel(local, RIGHT)
+    for n in range(3):
+        k[n, 0] = -k[n, 0]
     right = polynomial_kernel(local, k)
     for n in range(3):
         k[n, 1] *= higher

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from factors.checks import checked_duration, power_spectral_density
 from factors.kernels import Array, copy_kernel, kernel
 from factors.local import EXACT, FIRST_ORDER, local_jacobian_kernel, local_state_kernel
-from factors.values import pose_matrix
+from factors.values import STATE_COLUMNS, pose_matrix
 
 
 def whitening(qc: ArrayLike) -> Array:
@@ -121,7 +121,7 @@ def WnoaPriorFactor(
     def error(
         _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
     ) -> Array:
-        result = S @ wnoa_kernel(
+        derivatives = wnoa_kernel(
             pose_matrix(values, pose_i),
             values.atVector(velocity_i),
             pose_matrix(values, pose_j),
@@ -130,9 +130,10 @@ def WnoaPriorFactor(
             jacobians is not None,
             higher,
         )
+        result = S.dot(derivatives)
         if jacobians is not None:
-            for block in range(4):
-                jacobians[block] = result[:, 6 * block : 6 * block + 6]
+            for block, columns in enumerate(STATE_COLUMNS):
+                jacobians[block] = result[columns]
         return result[:, 24]
 
     keys = [pose_i, velocity_i, pose_j, velocity_j]
