@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import h5py
 import hdf5plugin  # noqa: F401  registers the compressions that event cameras' files use
@@ -45,11 +46,29 @@ def read_column(
     dataset: h5py.Dataset, column: int, first_row: int, stop_row: int
 ) -> NDArray[np.float64]:
     """Rows first_row to stop_row - 1 of one column, float64; InputError if they are damaged."""
+    return np.asarray(_read(dataset, (slice(first_row, stop_row), column)), np.float64)
+
+
+def read_rows(dataset: h5py.Dataset, first_row: int, stop_row: int) -> NDArray[Any]:
+    """Rows first_row to stop_row - 1 of a column of its own; InputError if they are damaged."""
+    return np.asarray(_read(dataset, (slice(first_row, stop_row),)))
+
+
+def _read(dataset: h5py.Dataset, selection: tuple[Any, ...]) -> Any:
     try:
-        return np.asarray(dataset[first_row:stop_row, column], np.float64)
+        return dataset[selection]
     except H5Error as error:
+        rows = selection[0]
         raise InputError(
             f"{dataset.file.filename}: {dataset.name.strip('/')} cannot be read from row"
-            f" {first_row} to {stop_row - 1}; the file is damaged or packed by an unknown filter:"
+            f" {rows.start} to {rows.stop - 1}; the file is damaged or packed by an unknown filter:"
             " copy or download it again"
         ) from error
+
+
+def has_dataset(path: Path, name: str) -> bool:
+    """Whether a path is an HDF5 file with that dataset; InputError if it is damaged."""
+    if not path.is_file() or not h5py.is_hdf5(path):
+        return False
+    with open_hdf5(path) as file:
+        return holds(file, name)

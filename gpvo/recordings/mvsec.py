@@ -13,8 +13,8 @@ import numpy as np
 from gpvo.errors import InputError
 from gpvo.recordings import checks
 from gpvo.recordings.base import Events, Recording, StereoEvents
+from gpvo.recordings.calibrations import rig_for
 from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5, read_column
-from gpvo.recordings.kalibr import read_kalibr
 from gpvo.recordings.slabs import stereo_slabs
 
 SIDES = ("left", "right")
@@ -32,7 +32,7 @@ def is_mvsec(path: Path) -> bool:
 
 
 class MvsecRecording(Recording):
-    """`*_data.hdf5` of MVSEC (Zhu et al., RA-L 2018), with a kalibr camchain as calibration.
+    """`*_data.hdf5` of MVSEC (Zhu et al., RA-L 2018), calibrated by a file of its own.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class MvsecRecording(Recording):
         File with davis/left/events and davis/right/events, (N, 4) float64: x, y, seconds, and
         polarity in {-1, 1} or {0, 1}.
     calibration
-        Camchain of the two cameras, cam0 the left one.
+        File of the stereo calibration, usually a kalibr camchain; None for the only one beside it.
     slab_length
         Seconds.
 
@@ -54,13 +54,8 @@ class MvsecRecording(Recording):
     def __init__(
         self, path: Path, calibration: Path | str | None, slab_length: float = 0.1
     ) -> None:
-        if calibration is None:
-            raise InputError(
-                f"{path}: MVSEC's HDF5 holds no calibration; give the kalibr camchain of its"
-                " cameras with --calibration camchain.yaml"
-            )
         self.path = path
-        self.rig = read_kalibr(calibration)
+        self.rig = rig_for(path, calibration, "MVSEC's HDF5")
         self.slab_length = slab_length
         with open_hdf5(path) as file:
             left, right = (self._table(file, side).span() for side in SIDES)

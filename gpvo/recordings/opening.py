@@ -2,37 +2,87 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from gpvo.errors import InputError
+from gpvo.recordings import two_files
+from gpvo.recordings.aedat4 import is_aedat4, open_aedat4
 from gpvo.recordings.base import Recording
+from gpvo.recordings.calibrations import rig_for
+from gpvo.recordings.columns import M3ED, ColumnStream
+from gpvo.recordings.hdf5 import has_dataset
+from gpvo.recordings.mcap import McapFile, is_mcap
 from gpvo.recordings.mvsec import MvsecRecording, is_mvsec
+from gpvo.recordings.rosbag1 import RosBag1, is_rosbag1
+from gpvo.recordings.rosbag2 import is_rosbag2, open_rosbag2
 from gpvo.recordings.sensor_size import check_sensor_size
+from gpvo.recordings.stereo import StreamRecording
+from gpvo.recordings.topics import open_log
+
+Calibration = Path | str | None
 
 
 class Format(NamedTuple):
-    """A kind of recording, how it is recognised and how it is opened."""
+    """A kind of recording, how it is recognised and how it is opened.
+
+    `open` takes the path, the calibration, and the user's names of the left and right camera.
+    """
 
     name: str
     recognise: Callable[[Path], bool]
-    open: Callable[[Path, Path | str | None], Recording]
+    open: Callable[[Path, Calibration, str | None, str | None], Recording]
 
 
-FORMATS = (Format("MVSEC HDF5 (davis/left/events, davis/right/events)", is_mvsec, MvsecRecording),)
+def _open_mvsec(
+    path: Path, calibration: Calibration, left: str | None, right: str | None
+) -> Recording:
+    return MvsecRecording(path, calibration)
+
+
+def _open_m3ed(
+    path: Path, calibration: Calibration, left: str | None, right: str | None
+) -> Recording:
+    rig = rig_for(path, calibration or path, "M3ED")
+    left_events, right_events = ColumnStream(path, M3ED["left"]), ColumnStream(path, M3ED["right"])
+    return StreamRecording(path, "M3ED HDF5", rig, left_events, right_events)
+
+
+FORMATS = (
+    Format("MVSEC HDF5 (davis/left/events, davis/right/events)", is_mvsec, _open_mvsec),
+    Format("M3ED HDF5", lambda path: has_dataset(path, M3ED["left"].x), _open_m3ed),
+    Format("ROS 1 bag", is_rosbag1, lambda path, *how: open_log(RosBag1(path), *how)),
+    Format("MCAP", is_mcap, lambda path, *how: open_log(McapFile(path), *how)),
+    Format("ROS 2 bag", is_rosbag2, lambda path, *how: open_log(open_rosbag2(path), *how)),
+    Format("AEDAT4", is_aedat4, open_aedat4),
+    *(
+        Format(kind.name, kind.recognise, kind.open)
+        for kind in (two_files.COLUMNS, two_files.EVENT_UTILS, two_files.RAW, two_files.TEXT)
+    ),
+)
 """Tried in this order."""
 
 
-def open_recording(path: Path | str, calibration: Path | str | None = None) -> Recording:
+def open_recording(
+    path: Path | str,
+    calibration: Path | str | None = None,
+    left_topic: str | None = None,
+    right_topic: str | None = None,
+) -> Recording:
     """Open a stereo event recording of any format that gpvo reads.
 
     Parameters
     ----------
     path
-        The recording; its format is found from what it holds, not from its name.
+        The recording; its format is found from what it holds, not from its name. Of two files,
+        one for each camera, name either, or their folder.
     calibration
-        File of the stereo calibration, for formats that do not hold one: a kalibr camchain.
+        File of the stereo calibration: see `read_calibration`. Not needed if the recording holds
+        it, or if the only one lies beside it.
+    left_topic, right_topic
+        Topics (or files in a folder, streams in AEDAT4) of both cameras, where their names do not
+        tell which is which.
 
     Raises
     ------
@@ -40,22 +90,33 @@ def open_recording(path: Path | str, calibration: Path | str | None = None) -> R
         If there is no such recording, or it or its calibration cannot be used.
     """
     path = Path(path)
-    _check_file(path)
+    _check_readable(path)
     for candidate in FORMATS:
         if candidate.recognise(path):
-            recording = candidate.open(path, calibration)
+            recording = candidate.open(path, calibration, left_topic, right_topic)
             check_sensor_size(recording, calibration)
             return recording
-    known = "; ".join(candidate.name for candidate in FORMATS)
-    raise InputError(f"{path}: is not a recording that gpvo reads; it reads {known}")
+    raise InputError(_unknown(path, FORMATS))
 
 
-def _check_file(path: Path) -> None:
+def _unknown(path: Path, formats: Sequence[Format]) -> str:
+    if path.is_file() and has_dataset(path, "CD/events"):
+        return (
+            f"{path}: is Prophesee's HDF5, whose compression (ECF) has no free package; convert it"
+            " to raw, or to DSEC's layout"
+        )
+    known = "; ".join(candidate.name for candidate in formats)
+    kind = "file" if path.is_file() else "folder: it is not a file, and none in it"
+    return f"{path}: is not a recording that gpvo reads ({kind}); it reads {known}"
+
+
+def _check_readable(path: Path) -> None:
     if not path.exists():
         raise InputError(f"{path}: no such file")
-    if not path.is_file():
-        raise InputError(f"{path}: is not a file; give the file that holds the events")
     try:
-        path.open("rb").close()
+        if path.is_dir():
+            next(path.iterdir(), None)
+        else:
+            path.open("rb").close()
     except OSError as error:
         raise InputError(f"{path}: cannot be opened ({error.strerror})") from error

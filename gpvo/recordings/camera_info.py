@@ -1,0 +1,171 @@
+"""Pairs of ROS CameraInfo: YAML files as camera_calibration and ESVO write them, or messages."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
+
+from gpvo.calibration import Camera, DistortionModel, StereoRig
+from gpvo.errors import InputError
+from gpvo.recordings.calibration_fields import LARGEST_SIDE, Fields, load_fields
+from gpvo.recordings.logs import MessageLog
+from gpvo.recordings.pairing import paired_files
+from gpvo.recordings.rectification import projected_rig, rectified_rig
+from gpvo.recordings.streams import Faults
+
+EXPECTED = "a ROS CameraInfo (YAML)"
+MODELS: dict[str, DistortionModel] = {
+    "plumb_bob": "radtan",
+    "radtan": "radtan",
+    "equidistant": "equidistant",
+    "fisheye": "equidistant",
+    "none": "none",
+    "": "none",
+}
+COUNTS: dict[DistortionModel, tuple[int, ...]] = {
+    "radtan": (4, 5),
+    "equidistant": (4, 5),
+    "none": (0, 4, 5),
+}
+MESSAGE = "sensor_msgs/CameraInfo"
+
+
+def is_camera_info(fields: Fields) -> bool:
+    """Whether a file looks like a CameraInfo."""
+    return "camera_matrix" in fields.values and "image_width" in fields.values
+
+
+def read_camera_info_pair(path: Path) -> StereoRig:
+    """The rig of two CameraInfo files, given one of them.
+
+    The transform between the cameras is T_right_left of either file (ESVO), or else that of
+    the projection matrices.
+    """
+    both = paired_files(path)
+    if both is None:
+        raise InputError(
+            f"{path}: is the calibration of one camera; put the other beside it, with left and"
+            " right in the names"
+        )
+    left, right = (load_fields(file, EXPECTED) for file in both)
+    return camera_info_rig(left, right)
+
+
+def camera_info_rig(left: Fields, right: Fields) -> StereoRig:
+    """The rig of two CameraInfo."""
+    cameras = _camera(left), _camera(right)
+    if has_rectification(left) and has_rectification(right):
+        R_rect = _matrix(left, "rectification_matrix", 3), _matrix(right, "rectification_matrix", 3)
+        for fields, R in zip((left, right), R_rect, strict=True):
+            fields.check_rotation("rectification_matrix", R)
+        P = _matrix(left, "projection_matrix", 4), _matrix(right, "projection_matrix", 4)
+        return projected_rig(*cameras, R_rect, P, right, "projection_matrix")
+    source = right if "T_right_left" in right.values else left
+    if "T_right_left" not in source.values:
+        right.fail(
+            "T_right_left",
+            "is missing, and projection_matrix gives no baseline; calibrate the stereo pair",
+        )
+    T_right_left = np.eye(4)
+    T_right_left[:3] = _matrix(source, "T_right_left", 4)
+    return rectified_rig(*cameras, T_right_left, source, "T_right_left")
+
+
+def has_rectification(fields: Fields) -> bool:
+    """Whether a CameraInfo has a rectification; drivers leave zeros where there is none."""
+    names = ("rectification_matrix", "projection_matrix")
+    if any(name not in fields.values for name in names):
+        return False
+    return bool(np.any(_matrix(fields, "rectification_matrix", 3))) and bool(
+        np.any(_matrix(fields, "projection_matrix", 4))
+    )
+
+
+def camera_info_of_log(log: MessageLog, left: str, right: str) -> StereoRig | None:
+    """The rig of the camera_info topics beside two event topics, or None."""
+    names = [f"{topic.rpartition('/')[0]}/camera_info" for topic in (left, right)]
+    if names[0] == names[1] or any(name not in log.topics for name in names):
+        return None
+    infos = [_message_fields(log, name) for name in names]
+    if infos[0] is None or infos[1] is None:
+        return None
+    if not any(np.any(info.values["projection_matrix"]["data"]) for info in infos if info):
+        return None
+    return camera_info_rig(infos[0], infos[1])
+
+
+def _message_fields(log: MessageLog, name: str) -> Fields | None:
+    """The first CameraInfo of a topic, with the names of the YAML files."""
+    topic = log.topics[name]
+    raw = next(log.messages(name, Faults()), None)
+    if raw is None or topic.type != MESSAGE:
+        return None
+    ros1 = topic.encoding == "ros1"
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    deserialise = store.deserialize_ros1 if ros1 else store.deserialize_cdr
+    try:
+        info: Any = deserialise(bytes(raw), "sensor_msgs/msg/CameraInfo")
+    except Exception as error:  # damaged bytes make rosbags raise many kinds
+        raise InputError(f"{log.path}: {name} is damaged; give --calibration") from error
+    upper = {letter: getattr(info, letter, getattr(info, letter.lower(), ())) for letter in "DKRP"}
+    return Fields(log.path, name, _yaml_names(info, upper), EXPECTED)
+
+
+def _yaml_names(info: Any, arrays: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "image_width": info.width,
+        "image_height": info.height,
+        "distortion_model": info.distortion_model,
+        "camera_matrix": {"data": arrays["K"]},
+        "distortion_coefficients": {"data": arrays["D"]},
+        "rectification_matrix": {"data": arrays["R"]},
+        "projection_matrix": {"data": arrays["P"]},
+    }
+
+
+def _camera(fields: Fields) -> Camera:
+    name = fields.get("distortion_model")
+    if not isinstance(name, str) or name not in MODELS:
+        fields.fail("distortion_model", f"is {name!r}; known are {', '.join(filter(None, MODELS))}")
+    model = MODELS[name]
+    # Only these four are read: one of ESVO's files has a damaged last row.
+    numbers = _data(fields, "camera_matrix", (9,))
+    intrinsics = numbers[[0, 4, 2, 5]]
+    if not (intrinsics[:2] > 0.0).all():
+        fields.fail("camera_matrix", "has a focal length that is not positive")
+    return replace(
+        Camera(_resolution(fields), intrinsics, model, np.zeros(4), np.eye(3)),
+        distortion=_distortion(fields, model),
+    )
+
+
+def _distortion(fields: Fields, model: DistortionModel) -> NDArray[np.float64]:
+    if model == "none":
+        return np.zeros(4)
+    numbers = _data(fields, "distortion_coefficients", *((n,) for n in COUNTS[model]))
+    return numbers[:4] if model == "equidistant" else numbers
+
+
+def _resolution(fields: Fields) -> tuple[int, int]:
+    size = [float(fields.array(name, ())) for name in ("image_width", "image_height")]
+    for name, number in zip(("image_width", "image_height"), size, strict=True):
+        if not (1 <= number <= LARGEST_SIDE and number == int(number)):
+            fields.fail(name, "must be whole pixels")
+    return int(size[0]), int(size[1])
+
+
+def _matrix(fields: Fields, field: str, columns: int) -> NDArray[np.float64]:
+    return _data(fields, field, (3 * columns,)).reshape(3, columns)
+
+
+def _data(fields: Fields, field: str, *shapes: tuple[int, ...]) -> NDArray[np.float64]:
+    """`data` of a matrix, or a bare list of numbers."""
+    value = fields.get(field)
+    if isinstance(value, dict):
+        return fields.mapping(field).array("data", *shapes)
+    return fields.array(field, *shapes)

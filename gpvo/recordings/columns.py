@@ -1,0 +1,175 @@
+"""HDF5 with one dataset per column of the events: DSEC, TUM-VIE, VECtor, M3ED, event_utils."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from gpvo.errors import InputError
+from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5, read_rows
+from gpvo.recordings.streams import EventBlock, EventStream, Faults, nanoseconds
+
+BLOCK_ROWS = 1 << 19
+LAST_ROWS = 1 << 14
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names of a camera's datasets; times are seconds (float) or else microseconds."""
+
+    x: str
+    y: str
+    t: str
+    polarity: str
+    index: str
+    offset: str
+
+    @staticmethod
+    def of(group: str, names: str = "xytp", index: str = "ms_to_idx") -> Layout:
+        """Columns x, y, t, p (or xs, ys, ts, ps) of a group."""
+        plural = "s" if names.endswith("s") else ""
+        x, y, t, polarity = (f"{group}/{column}{plural}" for column in "xytp")
+        return Layout(x, y, t, polarity, index, "t_offset")
+
+
+DSEC = Layout.of("events")
+EVENT_UTILS = Layout.of("events", "s")
+M3ED = {
+    side: Layout.of(f"prophesee/{side}", index=f"prophesee/{side}/ms_map_idx")
+    for side in ("left", "right")
+}
+
+
+class ColumnStream(EventStream):
+    """The events of one camera in columns.
+
+    Raises
+    ------
+    InputError
+        If a column is missing, has another length than the others, or no sensible type.
+    """
+
+    def __init__(self, path: Path, layout: Layout) -> None:
+        self.path, self.layout = path, layout
+        self.where = f"{path}: {layout.x.rpartition('/')[0]}"
+        with self._open() as columns:
+            self.rows = columns.rows
+
+    def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
+        with self._open() as columns:
+            first = 0 if start_ns is None else columns.first_row(start_ns)
+            for row in range(first, self.rows, BLOCK_ROWS):
+                yield columns.block(row, min(row + BLOCK_ROWS, self.rows))
+
+    def ends(self) -> Iterator[EventBlock]:
+        if self.rows:
+            with self._open() as columns:
+                yield columns.block(max(0, self.rows - LAST_ROWS), self.rows)
+
+    @contextmanager
+    def _open(self) -> Iterator[_Columns]:
+        with open_hdf5(self.path) as file:
+            yield _Columns.of(file, self.layout, self.where)
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Opened datasets of one camera."""
+
+    x: h5py.Dataset
+    y: h5py.Dataset
+    t: h5py.Dataset
+    polarity: h5py.Dataset
+    index: h5py.Dataset | None
+    offset_ns: int
+
+    @staticmethod
+    def of(file: h5py.File, layout: Layout, where: str) -> _Columns:
+        names = (layout.x, layout.y, layout.t, layout.polarity)
+        x, y, t, polarity = (_column(file, name, where) for name in names)
+        lengths = [len(column) for column in (x, y, t, polarity)]
+        if len(set(lengths)) > 1:
+            raise InputError(
+                f"{where}: its columns have different lengths, {lengths}; copy the file again"
+            )
+        index = file[layout.index] if holds(file, layout.index) else None
+        offset_ns = 1000 * _scalar(file, layout.offset, where)
+        return _Columns(x, y, t, polarity, _usable_index(index), offset_ns)
+
+    @property
+    def rows(self) -> int:
+        return len(self.t)
+
+    def block(self, first: int, stop: int) -> EventBlock:
+        """Events of some rows."""
+        return EventBlock(
+            _pixels(read_rows(self.x, first, stop)),
+            _pixels(read_rows(self.y, first, stop)),
+            self._stamps(read_rows(self.t, first, stop)),
+            read_rows(self.polarity, first, stop) > 0,
+        )
+
+    def first_row(self, start_ns: int) -> int:
+        """First row from a stamp on; bisection where the file has no index that holds."""
+        millisecond = (start_ns - self.offset_ns) // 1_000_000
+        if self.index is not None and 0 <= millisecond < len(self.index):
+            row = int(read_rows(self.index, millisecond, millisecond + 1)[0])
+            edge_ns = self.offset_ns + 1_000_000 * millisecond
+            if 0 <= row <= self.rows and self._splits(row, edge_ns):
+                return row
+        return bisect_left(range(self.rows), start_ns, key=self._stamp)
+
+    def _splits(self, row: int, edge_ns: int) -> bool:
+        """Whether the rows before `row`, and only they, are earlier."""
+        starts = row == self.rows or self._stamp(row) >= edge_ns
+        return starts and (row == 0 or self._stamp(row - 1) < edge_ns)
+
+    def _stamp(self, row: int) -> int:
+        return int(self._stamps(read_rows(self.t, row, row + 1))[0])
+
+    def _stamps(self, times: NDArray[Any]) -> NDArray[np.int64]:
+        if times.dtype.kind == "f":
+            return nanoseconds(np.nan_to_num(times.astype(np.float64), nan=9e9)) + self.offset_ns
+        return times.astype(np.int64) * 1000 + self.offset_ns
+
+
+def _column(file: h5py.File, name: str, where: str) -> h5py.Dataset:
+    if not holds(file, name) or not isinstance(file[name], h5py.Dataset):
+        raise InputError(f"{where}: {name} is missing; the file is not complete")
+    column = file[name]
+    if column.shape is None or column.ndim != 1 or column.dtype.kind not in "biuf":
+        raise InputError(f"{where}: {name} is not a column of numbers")
+    return column
+
+
+def _usable_index(index: Any) -> h5py.Dataset | None:
+    fits = isinstance(index, h5py.Dataset) and index.ndim == 1 and index.dtype.kind in "iu"
+    return index if fits else None
+
+
+def _scalar(file: h5py.File, name: str, where: str) -> int:
+    """A number that may stand in an array of one; 0 where there is none."""
+    if not holds(file, name):
+        return 0
+    try:
+        values = np.ravel(file[name][()])
+        return int(values[0])
+    except (*H5Error, TypeError, IndexError) as error:
+        raise InputError(f"{where}: {name} is not a number of microseconds") from error
+
+
+def _pixels(values: NDArray[Any]) -> NDArray[np.uint16]:
+    """uint16; what does not fit becomes 65535, outside of every sensor."""
+    if values.dtype == np.uint16:
+        return values
+    with np.errstate(invalid="ignore"):
+        whole = values.astype(np.int64)
+    return np.where((whole < 0) | (whole > 65535), 65535, whole).astype(np.uint16)

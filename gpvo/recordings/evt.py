@@ -1,0 +1,223 @@
+"""Decoders of event cameras' own byte streams: Prophesee EVT2 and EVT3, iniVation libcaer.
+
+Each keeps what a stream carries from one packet to the next (row, time, vector base) and takes
+packets of any length, whole words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gpvo.recordings.streams import EventBlock
+
+WRAP_US = 1 << 24
+"""EVT3's clock starts again after 16.777 s."""
+
+CAPACITY = 1 << 19
+"""Events decoded at once."""
+
+LARGEST_STEP = 64
+"""Steps of EVT3's TIME_HIGH (4.096 ms each) that need no confirmation by the next one."""
+
+LARGEST_JITTER = 10
+"""Steps that EVT3's TIME_HIGH may go back without its clock having wrapped."""
+
+Y, BASE, BASE_POLARITY, HIGH, LOW, WRAPS, READY, PENDING = range(8)
+"""Places in the state of EVT3."""
+
+
+class Evt3:
+    """EVT3, 16-bit words; stamps are the sensor's microseconds, unwrapped.
+
+    Events before the first TIME_HIGH and TIME_LOW have no time and are skipped.
+    """
+
+    word = np.dtype("<u2")
+
+    def __init__(self) -> None:
+        self._state = np.zeros(8, np.int64)
+        self._state[HIGH] = self._state[PENDING] = -1
+
+    def decode(self, words: NDArray[np.uint16]) -> Iterator[EventBlock]:
+        """Events of consecutive words; t_ns is in nanoseconds of the sensor's clock."""
+        yield from _decoded(_evt3, words, self._state)
+
+
+class Evt2:
+    """EVT2, 32-bit words; stamps are the sensor's microseconds, 34 bits, 4.8 hours."""
+
+    word = np.dtype("<u4")
+
+    def __init__(self) -> None:
+        self._state = np.array([-1], np.int64)
+
+    def decode(self, words: NDArray[np.uint32]) -> Iterator[EventBlock]:
+        """Events of consecutive words; t_ns is in nanoseconds of the sensor's clock."""
+        yield from _decoded(_evt2, words, self._state)
+
+
+class LibcaerPacked:
+    """libcaer_cmp, 16-bit words; times start again from the time base with every packet."""
+
+    word = np.dtype("<u2")
+
+    def __init__(self) -> None:
+        self._state = np.zeros(5, np.int64)
+
+    def decode(self, words: NDArray[np.uint16], time_base_ns: int) -> Iterator[EventBlock]:
+        """Events of one packet, absolute stamps."""
+        self._state[3:] = 0
+        for block in _decoded(_libcaer_packed, words, self._state):
+            t_ns = block.t_ns + time_base_ns // 1000 * 1000
+            yield EventBlock(block.x, block.y, t_ns, block.polarity)
+
+
+def libcaer(data: NDArray[np.uint8], time_base_ns: int) -> EventBlock:
+    """Events of one packet of libcaer's own 8-byte records, absolute stamps."""
+    records = data.view(np.dtype([("data", "<u4"), ("ts", "<i4")]))
+    bits, ts = records["data"], records["ts"].astype(np.int64)
+    rolls = np.concatenate([[0], np.cumsum(np.diff(ts) < 0)]) if len(ts) else ts
+    t_ns = time_base_ns + 1000 * (ts + (rolls << 31))
+    x, y = (bits >> 17) & 0x7FFF, (bits >> 2) & 0x7FFF
+    return EventBlock(x.astype(np.uint16), y.astype(np.uint16), t_ns, (bits >> 1) & 1 == 1)
+
+
+def mono(data: NDArray[np.uint8], time_base_ns: int) -> EventBlock:
+    """Events of one packet of 8-byte records with nanoseconds since the time base."""
+    bits = data.view("<u8")
+    x, y = (bits >> np.uint64(32)) & np.uint64(0xFFFF), (bits >> np.uint64(48)) & np.uint64(0x7FFF)
+    t_ns = time_base_ns + (bits & np.uint64(0xFFFFFFFF)).astype(np.int64)
+    return EventBlock(x.astype(np.uint16), y.astype(np.uint16), t_ns, bits >> np.uint64(63) == 1)
+
+
+def _decoded(
+    kernel: Callable[..., Any], words: NDArray[Any], state: NDArray[np.int64]
+) -> Iterator[EventBlock]:
+    """Run a kernel until all words are used; it stops where its buffers are full."""
+    used = 0
+    while used < len(words):
+        size = min(CAPACITY, 12 * (len(words) - used)) + 12
+        x, y = np.empty(size, np.uint16), np.empty(size, np.uint16)
+        t_us, polarity = np.empty(size, np.int64), np.empty(size, np.bool_)
+        used, count = kernel(words, used, state, x, y, t_us, polarity)
+        if count:
+            t_ns = t_us[:count] * 1000
+            yield EventBlock(x[:count], y[:count], t_ns, polarity[:count])
+
+
+@njit(cache=True)
+def _evt3(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-def]
+    row, base, base_polarity = state[Y], state[BASE], state[BASE_POLARITY]
+    count, room = 0, len(x) - 12
+    now = state[WRAPS] * WRAP_US + state[HIGH] * 4096 + state[LOW]
+    valid = state[READY] == 1 and state[PENDING] < 0
+    while used < len(words) and count <= room:
+        word = np.int64(words[used])
+        used += 1
+        code, payload = word >> 12, word & 0xFFF
+        if code == 0x2:
+            if valid:
+                x[count], y[count] = payload & 0x7FF, row
+                t_us[count], polarity[count] = now, payload >> 11 == 1
+                count += 1
+        elif code == 0x4 or code == 0x5:
+            bits, width = (payload, 12) if code == 0x4 else (payload & 0xFF, 8)
+            if valid:
+                for bit in range(width):
+                    if bits >> bit & 1:
+                        x[count], y[count] = base + bit, row
+                        t_us[count], polarity[count] = now, base_polarity == 1
+                        count += 1
+            base += width
+        elif code == 0x0:
+            row = payload & 0x7FF
+        elif code == 0x3:
+            base, base_polarity = payload & 0x7FF, payload >> 11
+        elif code == 0x6:
+            state[LOW] = payload
+            if state[HIGH] >= 0:
+                state[READY] = 1
+            now = state[WRAPS] * WRAP_US + state[HIGH] * 4096 + payload
+            valid = state[READY] == 1 and state[PENDING] < 0
+        elif code == 0x8:
+            _time_high(payload, state)
+            now = state[WRAPS] * WRAP_US + state[HIGH] * 4096 + state[LOW]
+            valid = state[READY] == 1 and state[PENDING] < 0
+    state[Y], state[BASE], state[BASE_POLARITY] = row, base, base_polarity
+    return used, count
+
+
+@njit(cache=True)
+def _time_high(high, state):  # type: ignore[no-untyped-def]
+    """Take a TIME_HIGH over; one far from the last counts only if the next one agrees."""
+    if state[HIGH] < 0:
+        state[HIGH] = high
+        return
+    step = (high - state[HIGH]) & 0xFFF
+    near = step <= LARGEST_STEP or step >= 4096 - LARGEST_JITTER
+    if not near:
+        confirmed = state[PENDING] >= 0 and ((high - state[PENDING]) & 0xFFF) <= LARGEST_STEP
+        if not confirmed:
+            state[PENDING] = high
+            return
+    backwards = step >= 4096 - LARGEST_JITTER
+    if backwards and high > state[HIGH]:
+        state[WRAPS] -= 1
+    if not backwards and high < state[HIGH]:
+        state[WRAPS] += 1
+    state[HIGH], state[PENDING] = high, -1
+
+
+@njit(cache=True)
+def _evt2(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-def]
+    count, room = 0, len(x) - 12
+    high = state[0]
+    while used < len(words) and count <= room:
+        word = np.int64(words[used])
+        used += 1
+        code = word >> 28
+        if code <= 1:
+            if high >= 0:
+                x[count], y[count] = word >> 11 & 0x7FF, word & 0x7FF
+                t_us[count], polarity[count] = high << 6 | (word >> 22 & 0x3F), code == 1
+                count += 1
+        elif code == 0x8:
+            high = word & 0xFFFFFFF
+    state[0] = high
+    return used, count
+
+
+@njit(cache=True)
+def _libcaer_packed(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-def]
+    column, base, base_polarity, high, low = state
+    count, room = 0, len(x) - 12
+    while used < len(words) and count <= room:
+        word = np.int64(words[used])
+        used += 1
+        code, payload = word >> 12, word & 0xFFF
+        if code == 0x0:
+            high = payload
+        elif code == 0x1:
+            low = payload
+        elif code == 0x2:
+            column = payload & 0x7FF
+        elif code == 0x3:
+            x[count], y[count] = column, payload & 0x7FF
+            t_us[count], polarity[count] = high << 12 | low, payload >> 11 == 1
+            count += 1
+        elif code == 0x4:
+            base, base_polarity = payload & 0x7FF, payload >> 11
+        elif code == 0x5:
+            for bit in range(8):
+                if payload >> bit & 1:
+                    x[count], y[count] = column, base + bit
+                    t_us[count], polarity[count] = high << 12 | low, base_polarity == 1
+                    count += 1
+            base += 8
+    state[0], state[1], state[2], state[3], state[4] = column, base, base_polarity, high, low
+    return used, count

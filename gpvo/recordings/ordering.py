@@ -1,0 +1,137 @@
+"""Put a stream's events in order of time: small disorder is sorted, absurd stamps are dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gpvo.recordings.streams import EventBlock, Faults
+
+DISORDER_NS = 10_000_000
+"""Events that are late or early by less are sorted; others have a damaged stamp."""
+
+LONGEST_GAP_NS = 60_000_000_000
+FEWEST_AFTER_GAP = 16
+"""A camera always has noise: fewer events, that far from all others, have damaged stamps."""
+
+HELD_BACK = 4096
+"""Events of a block that wait for the next one, to tell whether they fit to what follows."""
+
+SORTED = "events out of order of time by less than 10 ms were sorted"
+DROPPED = "events with stamps that do not fit to those around them were left out"
+
+
+def in_order(blocks: Iterator[EventBlock], faults: Faults) -> Iterator[EventBlock]:
+    """Yield the same events in order of time, without those whose stamps make no sense.
+
+    What fits is the longest sequence of events whose stamps do not decrease, as fewest events
+    are accused then. Events are yielded once those that follow have confirmed them.
+    """
+    held: EventBlock | None = None
+    before = np.iinfo(np.int64).min
+    for block in blocks:
+        if len(block) == 0:
+            continue
+        joined = block if held is None else EventBlock.concatenate([held, block])
+        ordered = _ordered(joined, before, faults)
+        split = _settled(ordered.t_ns)
+        if split:
+            before = int(ordered.t_ns[split - 1])
+            yield ordered[:split]
+        held = ordered[split:]
+    if held is not None and len(held):
+        yield held
+
+
+def _settled(t_ns: NDArray[np.int64]) -> int:
+    """How many events can be given away: those that no later block can come before."""
+    if len(t_ns) <= HELD_BACK:
+        return 0
+    # A stamp from the future among those held back must not decide what is recent.
+    recent = t_ns[-HELD_BACK] - DISORDER_NS
+    return int(np.searchsorted(t_ns, recent, side="left"))
+
+
+def _ordered(block: EventBlock, before: int, faults: Faults) -> EventBlock:
+    """One block in order, from the time `before` on."""
+    t_ns = block.t_ns
+    steps = np.diff(t_ns)
+    if t_ns[0] >= before and (
+        len(steps) == 0 or (steps.min() >= 0 and steps.max() < LONGEST_GAP_NS)
+    ):
+        return block
+    chain = longest_nondecreasing(t_ns, before)
+    chain = _without_islands(chain, t_ns, before)
+    keep = _near_chain(t_ns, chain, before)
+    faults[SORTED] += int(keep.sum()) - len(chain)
+    faults[DROPPED] += len(block) - int(keep.sum())
+    kept = block[keep]
+    return kept[np.argsort(kept.t_ns, kind="stable")]
+
+
+@njit(cache=True)
+def longest_nondecreasing(t_ns, before):  # type: ignore[no-untyped-def]
+    """(M,) int64 indices of a longest non-decreasing subsequence of values from `before` on."""
+    count = len(t_ns)
+    tails = np.empty(count, np.int64)
+    previous = np.full(count, -1, np.int64)
+    length = 0
+    for index in range(count):
+        time = t_ns[index]
+        if time < before:
+            continue
+        low, high = 0, length
+        if length > 0 and t_ns[tails[length - 1]] <= time:
+            low = length
+        while low < high:
+            middle = (low + high) // 2
+            if t_ns[tails[middle]] <= time:
+                low = middle + 1
+            else:
+                high = middle
+        if low > 0:
+            previous[index] = tails[low - 1]
+        tails[low] = index
+        length = max(length, low + 1)
+    chain = np.empty(length, np.int64)
+    at = tails[length - 1] if length > 0 else -1
+    for place in range(length - 1, -1, -1):
+        chain[place] = at
+        at = previous[at]
+    return chain
+
+
+def _without_islands(
+    chain: NDArray[np.int64], t_ns: NDArray[np.int64], before: int
+) -> NDArray[np.int64]:
+    """The chain without the few events that stand far from all others."""
+    if len(chain) == 0:
+        return chain
+    breaks = np.flatnonzero(_gaps(t_ns[chain]) > LONGEST_GAP_NS) + 1
+    islands = np.split(chain, breaks)
+    if len(islands) == 1:
+        return chain
+    longest = max(len(island) for island in islands)
+    few = min(FEWEST_AFTER_GAP, longest)
+    return np.concatenate([island for island in islands if len(island) >= few])
+
+
+def _gaps(t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Differences that cannot overflow; stamps may be anything."""
+    return np.diff(t_ns.astype(np.float64))
+
+
+def _near_chain(
+    t_ns: NDArray[np.int64], chain: NDArray[np.int64], before: int
+) -> NDArray[np.bool_]:
+    """Which events belong to the chain or lie within the sortable disorder around it."""
+    if len(chain) == 0:
+        return np.zeros(len(t_ns), bool)
+    place = np.clip(np.searchsorted(chain, np.arange(len(t_ns)), side="right") - 1, 0, None)
+    expected = t_ns[chain[place]].astype(np.float64)
+    near = np.abs(t_ns - expected) < DISORDER_NS
+    near &= t_ns >= before
+    return near

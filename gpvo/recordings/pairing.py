@@ -1,0 +1,149 @@
+"""Which of several streams are the left and the right camera, from their names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from gpvo.errors import InputError
+
+SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("master", "slave"))
+NUMBERED = (("0", "1"), ("1", "2"))
+
+_CAMERA = r"((?:cam|camera|dvs|davis|events?|sensor)_?)"
+FILE_WORDS = [
+    *((left, right, True) for left, right in SIDES),
+    *((right, left, False) for left, right in SIDES),
+    (_CAMERA + r"0(?!\d)", r"\g<1>1", True),
+    (_CAMERA + r"1(?!\d)", r"\g<1>0", False),
+]
+"""What to look for in a file's name, what to put there for the other camera, and whether the
+file found it in is the left one. Bare numbers in file names may count recordings."""
+
+
+def counterparts(name: str) -> list[str]:
+    """Names that the right camera may have if `name` is the left one's, the likeliest first."""
+    names = []
+    for left, right in SIDES:
+        if left in name:
+            names.append(name.replace(left, right))
+            head, _, tail = name.rpartition(left)
+            names.append(head + right + tail)
+    for left, right in NUMBERED:
+        for found in reversed(list(re.finditer(rf"(?<!\d){left}(?!\d)", name))):
+            names.append(name[: found.start()] + right + name[found.end() :])
+    return list(dict.fromkeys(names))
+
+
+def pair(names: Sequence[str]) -> tuple[str, str] | None:
+    """The only left and right among the names, or None if there is no pair or several."""
+    known = set(names)
+    for sides in (True, False):
+        pairs = [
+            (name, other)
+            for name in names
+            for other in counterparts(name)
+            if other in known and (_has_side(name) == sides)
+        ]
+        if pairs:
+            return pairs[0] if len(set(pairs)) == 1 else None
+    return None
+
+
+def _has_side(name: str) -> bool:
+    return any(left in name for left, _ in SIDES)
+
+
+def choose_pair(
+    path: Path, names: Sequence[str], left: str | None, right: str | None, what: str
+) -> tuple[str, str]:
+    """The names of the left and right camera: those given, or the only pair.
+
+    Raises
+    ------
+    InputError
+        If a given name is unknown or no single pair exists, with flags to choose from.
+    """
+    for given in (left, right):
+        if given is not None and given not in names:
+            raise InputError(f"{path}: has no {what} {given}; it has {_listing(names)}")
+    if left is not None and right is not None and left != right:
+        return left, right
+    rest = [name for name in names if name not in (left, right)]
+    if (left or right) and len(rest) == 1:
+        return (left, rest[0]) if left else (rest[0], str(right))
+    found = pair(names) if not (left or right) else None
+    if found is not None:
+        return found
+    if len(names) < 2:
+        raise InputError(
+            f"{path}: two cameras are needed, but it holds the events of"
+            f" {len(names)}: {_listing(names)}"
+        )
+    raise InputError(f"{path}: which {what} is which camera? choose {suggestions(names)}")
+
+
+def suggestions(names: Sequence[str]) -> str:
+    """Flags for every pair that the names allow, ready to be pasted."""
+    likely = [(name, other) for name in names for other in counterparts(name) if other in names]
+    every = [(a, b) for a in names for b in names if a < b]
+    pairs = list(dict.fromkeys(likely or every))
+    return " or ".join(f"--left-topic {a} --right-topic {b}" for a, b in pairs[:6])
+
+
+def _listing(names: Sequence[str]) -> str:
+    return ", ".join(sorted(names)) or "none"
+
+
+def paired_files(path: Path) -> tuple[Path, Path] | None:
+    """The files of both cameras, given one of them: `left` in its name or folders is swapped."""
+    path = path.absolute()
+    for depth in (1, 2, 3):
+        if depth >= len(path.parts):
+            return None
+        root, tail = Path(*path.parts[:-depth]), "/".join(path.parts[-depth:])
+        for mine, other, is_left in FILE_WORDS:
+            candidate = root / re.sub(mine, other, tail)
+            if candidate != path and candidate.is_file():
+                return (path, candidate) if is_left else (candidate, path)
+    return None
+
+
+def files_of(folder: Path, suffixes: Sequence[str]) -> list[Path]:
+    """Files with one of the suffixes in a folder and those below it, at most three levels deep."""
+    found = [
+        file
+        for pattern in ("*", "*/*", "*/*/*", "*/*/*/*")
+        for file in folder.glob(pattern)
+        if file.suffix in suffixes and file.is_file()
+    ]
+    return sorted(found)
+
+
+def camera_files(
+    path: Path, candidates: Sequence[Path], left: str | None, right: str | None
+) -> tuple[Path, Path]:
+    """The files of the left and the right camera.
+
+    Parameters
+    ----------
+    path
+        One of the two files, or a folder.
+    candidates
+        Files of the right kind in the folder.
+    left, right
+        Names that the user gave, relative to the folder.
+    """
+    folder = path if path.is_dir() else path.parent
+    if path.is_file() and not (left or right):
+        both = paired_files(path)
+        if both is None:
+            raise InputError(
+                f"{path}: holds one camera, and no file of the other was found by its name; give"
+                " the folder of both with --left-topic FILE --right-topic FILE"
+            )
+        return both
+    names = [file.relative_to(folder).as_posix() for file in candidates]
+    chosen = choose_pair(path, names, left, right, "file")
+    return folder / chosen[0], folder / chosen[1]

@@ -1,0 +1,218 @@
+"""ROS 1 bags (format 2.0), also those that a killed recorder left without an index.
+
+The chunks are found by walking over the file, as a bag cut short has no index to trust; a walk
+reads a few bytes of each chunk only.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from gpvo.errors import InputError
+from gpvo.recordings.logs import DAMAGED, DamagedChunkError, MessageLog, Topic, unpack
+from gpvo.recordings.streams import Faults
+
+MAGIC = b"#ROSBAG V2.0\n"
+MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
+LARGEST_HEADER = 1 << 20
+
+_U4 = struct.Struct("<I")
+
+
+def is_rosbag1(path: Path) -> bool:
+    """Whether a file begins like a ROS 1 bag."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+class DamagedRecordError(Exception):
+    """A record that makes no sense, or ends behind the end of the file."""
+
+
+@dataclass
+class _Chunk:
+    """Where a chunk's data are, and which connections its index names (None: unknown)."""
+
+    at: int
+    stored: int
+    size: int
+    compression: str
+    connections: set[int] | None = None
+
+
+@dataclass
+class RosBag1(MessageLog):
+    """A ROS 1 bag.
+
+    Raises
+    ------
+    InputError
+        If it holds no topic that can be read.
+    """
+
+    name = "ROS 1 bag"
+
+    path: Path
+    topics: dict[str, Topic] = field(init=False, default_factory=dict)
+    notes: list[str] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._chunks: list[_Chunk] = []
+        self._numbers: dict[str, set[int]] = {}
+        with self.path.open("rb") as file:
+            self._walk(file)
+            if not self.topics:
+                self._find_topics_in_chunks(file)
+        if not self.topics:
+            raise InputError(f"{self.path}: holds no topics; record the bag again")
+
+    def messages(self, topic: str, faults: Faults, backwards: bool = False) -> Iterator[memoryview]:
+        wanted = self._numbers[topic]
+        with self.path.open("rb") as file:
+            for chunk in reversed(self._chunks) if backwards else self._chunks:
+                if chunk.connections is not None and not chunk.connections & wanted:
+                    continue
+                found = self._messages_of(file, chunk, wanted, faults)
+                yield from reversed(list(found)) if backwards else found
+
+    def _walk(self, file: BinaryIO) -> None:
+        """Find all chunks and the connections outside of them."""
+        file.seek(0, 2)
+        end = file.tell()
+        at = len(MAGIC)
+        try:
+            while at < end:
+                at = self._record(file, at, end)
+        except DamagedRecordError as error:
+            self.notes.append(
+                f"{self.path}: {error}, {(end - at) / end:.1%} of the file cannot be read;"
+                " copy it again, or go on with what is intact"
+            )
+
+    def _record(self, file: BinaryIO, at: int, end: int) -> int:
+        """Take note of the record at a position; the position of the next one."""
+        header, data_at, size = _read_header(file, at, end)
+        operation = _operation(header)
+        if operation == CHUNK:
+            chunk = _chunk(header, data_at, size, end)
+            self._chunks.append(chunk)
+        if data_at + size > end:
+            raise DamagedRecordError("the file is cut short or damaged")
+        if operation == INDEX and self._chunks:
+            latest = self._chunks[-1]
+            latest.connections = (latest.connections or set()) | {_u4(header, b"conn")}
+        elif operation == CONNECTION:
+            file.seek(data_at)
+            self._connection(header, file.read(size))
+        elif operation not in (CHUNK, INDEX, BAG, CHUNK_INFO, MESSAGE):
+            raise DamagedRecordError("the file is damaged")
+        return data_at + size
+
+    def _connection(self, header: dict[bytes, bytes], data: bytes) -> None:
+        number, fields = _u4(header, b"conn"), _fields(data)
+        try:
+            name, kind = header[b"topic"].decode(), fields[b"type"].decode()
+            digest = fields.get(b"md5sum", b"").decode()
+        except (KeyError, UnicodeDecodeError) as error:
+            raise DamagedRecordError("the file is damaged") from error
+        self.topics.setdefault(name, Topic(name, kind.replace("/msg/", "/"), "ros1", digest))
+        self._numbers.setdefault(name, set()).add(number)
+
+    def _find_topics_in_chunks(self, file: BinaryIO) -> None:
+        """Connections stand in the chunks, too; without the end of the file only there."""
+        for chunk in self._chunks:
+            chunk.connections = None
+            try:
+                data = _unpacked(file, chunk)
+                for header, start, stop in _records(data):
+                    if _operation(header) == CONNECTION:
+                        self._connection(header, data[start:stop])
+            except (DamagedChunkError, DamagedRecordError):
+                continue
+
+    def _messages_of(
+        self, file: BinaryIO, chunk: _Chunk, wanted: set[int], faults: Faults
+    ) -> Iterator[memoryview]:
+        try:
+            data = _unpacked(file, chunk)
+            view = memoryview(data)
+            for header, start, stop in _records(data):
+                if _operation(header) == MESSAGE and _u4(header, b"conn") in wanted:
+                    yield view[start:stop]
+        except (DamagedChunkError, DamagedRecordError):
+            faults[DAMAGED] += 1
+
+
+def _read_header(file: BinaryIO, at: int, end: int) -> tuple[dict[bytes, bytes], int, int]:
+    """Header fields of the record at a position, and position and size of its data."""
+    file.seek(at)
+    length = _u4_of(file.read(4))
+    if length > min(LARGEST_HEADER, end - at):
+        raise DamagedRecordError("the file is cut short or damaged")
+    header = _fields(file.read(length))
+    return header, at + 8 + length, _u4_of(file.read(4))
+
+
+def _chunk(header: dict[bytes, bytes], at: int, size: int, end: int) -> _Chunk:
+    compression = header.get(b"compression", b"").decode(errors="replace")
+    return _Chunk(at, min(size, end - at), _u4(header, b"size"), compression)
+
+
+def _unpacked(file: BinaryIO, chunk: _Chunk) -> bytes:
+    file.seek(chunk.at)
+    return unpack(chunk.compression, file.read(chunk.stored), chunk.size)
+
+
+def _records(data: bytes) -> Iterator[tuple[dict[bytes, bytes], int, int]]:
+    """Header, start and stop of the data of each record in a chunk."""
+    at, end = 0, len(data)
+    while at < end:
+        if at + 8 > end:
+            raise DamagedRecordError("a chunk ends early")
+        length = _U4.unpack_from(data, at)[0]
+        start = at + 8 + length
+        if start > end:
+            raise DamagedRecordError("a chunk ends early")
+        header = _fields(data[at + 4 : at + 4 + length])
+        stop = start + int(_U4.unpack_from(data, start - 4)[0])
+        if stop > end:
+            raise DamagedRecordError("a chunk ends early")
+        yield header, start, stop
+        at = stop
+
+
+def _fields(data: bytes) -> dict[bytes, bytes]:
+    """name=value fields, each after its length."""
+    fields: dict[bytes, bytes] = {}
+    at, end = 0, len(data)
+    while at < end:
+        length = _u4_of(data[at : at + 4])
+        name, equals, value = data[at + 4 : at + 4 + length].partition(b"=")
+        at += 4 + length
+        if not equals or at > end:
+            raise DamagedRecordError("the file is damaged")
+        fields[name] = value
+    return fields
+
+
+def _operation(header: dict[bytes, bytes]) -> int:
+    value = header.get(b"op", b"")
+    if len(value) != 1:
+        raise DamagedRecordError("the file is damaged")
+    return value[0]
+
+
+def _u4(header: dict[bytes, bytes], name: bytes) -> int:
+    return _u4_of(header.get(name, b""))
+
+
+def _u4_of(value: bytes) -> int:
+    if len(value) != 4:
+        raise DamagedRecordError("the file is cut short or damaged")
+    return int(_U4.unpack(value)[0])

@@ -1,0 +1,185 @@
+"""A recording made of two event streams: common clock, checks, slabs in step."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from gpvo.calibration import Camera, StereoRig
+from gpvo.errors import InputError
+from gpvo.recordings.base import Events, Recording, StereoEvents
+from gpvo.recordings.clocks import common_clock
+from gpvo.recordings.ordering import in_order
+from gpvo.recordings.slabs import stereo_slabs
+from gpvo.recordings.streams import EventBlock, EventStream, Faults
+
+log = logging.getLogger("gpvo.recordings")
+
+LONGEST_NS = 10**15
+"""Eleven days; no recording lasts longer."""
+
+ONE_SIDED_NS = 500_000_000
+"""Starts or ends of the two cameras that differ by more are told to the user."""
+
+MOST_OUTSIDE = 0.25
+"""A larger part of a block outside the sensor means the calibration of another sensor."""
+
+OUTSIDE = "events outside the sensor were left out"
+
+
+class StreamRecording(Recording):
+    """Two event streams with one clock.
+
+    Parameters
+    ----------
+    path
+        What the user named.
+    format_name
+        For reports.
+    rig
+        The calibrated rig.
+    left, right
+        The streams of both cameras.
+    slab_length
+        Seconds.
+
+    Attributes
+    ----------
+    faults
+        Per camera, what was left out of the slabs read last and how often.
+    notes
+        What a user should know before trusting the recording, found when it was opened.
+
+    Raises
+    ------
+    InputError
+        If a stream has no events, its sensor is not the calibrated one, or the cameras have no
+        time in common.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        format_name: str,
+        rig: StereoRig,
+        left: EventStream,
+        right: EventStream,
+        slab_length: float = 0.1,
+    ) -> None:
+        self.path, self.format_name, self.rig = path, format_name, rig
+        self.streams = {"left": left, "right": right}
+        self.slab_length = slab_length
+        self.faults = {"left": Faults(), "right": Faults()}
+        check_resolution(left, rig.left)
+        check_resolution(right, rig.right)
+        spans = span_ns(left), span_ns(right)
+        shifts, clock_notes = common_clock(left, right, spans[0][0], spans[1][0])
+        self._shifts_ns = dict(zip(("left", "right"), shifts, strict=True))
+        spans = _shifted(spans[0], shifts[0]), _shifted(spans[1], shifts[1])
+        unreadable = dict.fromkeys([*left.notes, *right.notes])
+        self.notes = [*unreadable, *clock_notes, *check_spans(path, *spans)]
+        self.start_ns = min(spans[0][0], spans[1][0])
+        self.duration = (max(spans[0][1], spans[1][1]) - self.start_ns) / 1e9
+        for note in self.notes:
+            log.warning("%s: %s", path, note)
+
+    def slabs(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
+        start = max(start, 0.0)
+        stop = min(stop, float(np.nextafter(self.duration, np.inf)))
+        self.faults = {"left": Faults(), "right": Faults()}
+        left, right = self._events("left", start), self._events("right", start)
+        yield from stereo_slabs(left, right, start, stop, self.slab_length)
+        for line in self.fault_lines():
+            log.warning("%s", line)
+
+    def fault_lines(self) -> list[str]:
+        """One line for each kind of fault in the slabs read last."""
+        return [
+            f"{self.streams[side].where}: {count} {kind}"
+            for side, faults in self.faults.items()
+            for kind, count in sorted(faults.items())
+            if count
+        ]
+
+    def _events(self, side: str, start: float) -> Iterator[Events]:
+        """Checked events of one camera from `start` on, in seconds since the recording's start."""
+        camera = self.rig.left if side == "left" else self.rig.right
+        stream, faults = self.streams[side], self.faults[side]
+        origin_ns = self.start_ns - self._shifts_ns[side]
+        start_ns = origin_ns + int(np.ceil(start * 1e9))
+        for block in in_order(stream.blocks(start_ns, faults), faults):
+            if block.t_ns[-1] < start_ns:
+                continue
+            first = int(np.searchsorted(block.t_ns, start_ns, side="left"))
+            inside = inside_sensor(block[first:], camera, stream.where, faults)
+            t = (inside.t_ns - origin_ns) / 1e9
+            yield Events(inside.x, inside.y, t, inside.polarity)
+
+
+def span_ns(stream: EventStream) -> tuple[int, int]:
+    """Earliest and latest stamp of the credible events of a stream's first and last blocks."""
+    ordered = in_order(stream.blocks(None, Faults()), Faults())
+    first = next(ordered, None)
+    if first is None:
+        raise InputError(f"{stream.where}: holds no events; both cameras are needed")
+    last_ns = int(first.t_ns[-1])
+    for block in stream.ends():
+        for part in in_order(iter([block]), Faults()):
+            last_ns = max(last_ns, int(part.t_ns[-1]))
+    return int(first.t_ns[0]), last_ns
+
+
+def _shifted(span: tuple[int, int], shift_ns: int) -> tuple[int, int]:
+    return span[0] + shift_ns, span[1] + shift_ns
+
+
+def check_resolution(stream: EventStream, camera: Camera) -> None:
+    """Raise InputError if the file states another sensor than the calibration's."""
+    stated, calibrated = stream.resolution, camera.resolution
+    if stated is not None and stated != calibrated:
+        raise InputError(
+            f"{stream.where}: is of a {stated[0]} x {stated[1]} sensor, the calibration of one of"
+            f" {calibrated[0]} x {calibrated[1]}; give this camera's calibration"
+        )
+
+
+def inside_sensor(block: EventBlock, camera: Camera, where: str, faults: Faults) -> EventBlock:
+    """The events on the sensor; InputError if many are not, as the calibration is wrong then."""
+    width, height = camera.resolution
+    if len(block) == 0 or (block.x.max() < width and block.y.max() < height):
+        return block
+    inside = (block.x < width) & (block.y < height)
+    outside = len(block) - int(inside.sum())
+    if outside > max(MOST_OUTSIDE * len(block), 16):
+        raise InputError(
+            f"{where}: {outside} of {len(block)} events lie outside the {width} x {height} sensor"
+            " of the calibration; give this camera's calibration"
+        )
+    faults[OUTSIDE] += outside
+    return block[inside]
+
+
+def check_spans(path: Path, left: tuple[int, int], right: tuple[int, int]) -> list[str]:
+    """Notes on when the cameras run; InputError unless they share some time."""
+    starts = (right[0] - left[0]) / 1e9
+    if max(left[1], right[1]) - min(left[0], right[0]) > LONGEST_NS or (
+        left[1] < right[0] or right[1] < left[0]
+    ):
+        raise InputError(
+            f"{path}: the cameras have no time in common, the right one's clock begins"
+            f" {starts:+.6f} s after the left one's (left from {left[0] / 1e9:.6f} to"
+            f" {left[1] / 1e9:.6f} s, right from {right[0] / 1e9:.6f} to {right[1] / 1e9:.6f} s);"
+            " record both with one clock"
+        )
+    notes = []
+    if abs(right[0] - left[0]) > ONE_SIDED_NS:
+        late = "right" if starts > 0 else "left"
+        notes.append(f"the {late} camera starts {abs(starts):.3f} s after the other")
+    ends = (right[1] - left[1]) / 1e9
+    if abs(right[1] - left[1]) > ONE_SIDED_NS:
+        early = "left" if ends > 0 else "right"
+        notes.append(f"the {early} camera stops {abs(ends):.3f} s before the other")
+    return notes

@@ -1,0 +1,96 @@
+"""One camera's events as a reader of a format gives them: raw blocks with absolute stamps."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Faults = Counter[str]
+"""What was wrong with a stream and left out, with the number of times: {"events ...": 12}."""
+
+
+@dataclass(frozen=True)
+class EventBlock:
+    """Consecutive events of one camera as they stand in the file, unchecked.
+
+    Attributes
+    ----------
+    x, y
+        (N,) uint16, column and row.
+    t_ns
+        (N,) int64, absolute stamps in nanoseconds.
+    polarity
+        (N,) bool, True where the pixel became brighter.
+    """
+
+    x: NDArray[np.uint16]
+    y: NDArray[np.uint16]
+    t_ns: NDArray[np.int64]
+    polarity: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def __getitem__(self, index: slice | NDArray) -> EventBlock:
+        return EventBlock(self.x[index], self.y[index], self.t_ns[index], self.polarity[index])
+
+    @staticmethod
+    def concatenate(parts: Sequence[EventBlock]) -> EventBlock:
+        """Join consecutive parts of one stream; at least one."""
+        if len(parts) == 1:
+            return parts[0]
+        return EventBlock(
+            np.concatenate([part.x for part in parts]),
+            np.concatenate([part.y for part in parts]),
+            np.concatenate([part.t_ns for part in parts]),
+            np.concatenate([part.polarity for part in parts]),
+        )
+
+
+class EventStream(ABC):
+    """The events of one camera on disk.
+
+    Attributes
+    ----------
+    where
+        File and topic, group or stream, to begin messages with.
+    resolution
+        (width, height) that the file states, or None.
+    wrap_ns
+        After how long the sensor's clock starts again; 0 for stamps that are absolute.
+    notes
+        What could not be read when the stream was opened.
+    """
+
+    where: str
+    resolution: tuple[int, int] | None = None
+    wrap_ns: int = 0
+    notes: Sequence[str] = ()
+
+    @abstractmethod
+    def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
+        """Yield the events in the order of the file, in blocks of bounded size.
+
+        Blocks wholly before start_ns may be left out. Damage that is skipped is counted in
+        `faults`.
+        """
+
+    def arrival_offset_ns(self) -> int | None:
+        """Time of arrival at the computer less the sensor's time, where both are known."""
+        return None
+
+    def ends(self) -> Iterator[EventBlock]:
+        """Some of the last blocks, the last first; all blocks where there is no shorter way."""
+        yield from self.blocks(None, Faults())
+
+
+def nanoseconds(seconds: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(N,) int64 stamps; of seconds since 1970 a float64 holds microseconds only."""
+    if len(seconds) and np.abs(seconds).max() > 1e7:
+        return np.rint(seconds * 1e6).astype(np.int64) * 1000
+    return np.rint(seconds * 1e9).astype(np.int64)

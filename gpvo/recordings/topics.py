@@ -1,0 +1,225 @@
+"""Stereo recordings in logs of messages: ROS 1 bags, ROS 2 bags, MCAP."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from gpvo.errors import InputError
+from gpvo.recordings import evt
+from gpvo.recordings.base import Recording
+from gpvo.recordings.calibrations import rig_for
+from gpvo.recordings.camera_info import camera_info_of_log
+from gpvo.recordings.logs import MessageLog, Topic
+from gpvo.recordings.messages import (
+    CDR_EVENT,
+    ROS1_EVENT,
+    DamagedMessageError,
+    EventPacket,
+    event_array,
+    event_block,
+    event_packet,
+)
+from gpvo.recordings.pairing import choose_pair
+from gpvo.recordings.stereo import StreamRecording
+from gpvo.recordings.streams import EventBlock, EventStream, Faults
+
+EVENT_ARRAY_MD5 = "5e8beee5a6c107e504c2e78903c224b8"
+EVENT_PACKET_MD5 = "8a6101b351a64529ac77bd8b71074e52"
+PACKET_TYPES = ("event_camera_msgs/EventPacket", "event_array_msgs/EventArray")
+
+BLOCK_EVENTS = 1 << 17
+"""Messages are joined to blocks of about so many events."""
+
+LAST_EVENTS = 1000
+"""How many events of the end are read to find when a recording ends."""
+
+DAMAGED_MESSAGE = "damaged messages were skipped"
+UNKNOWN_ENCODING = "event packets in an unknown encoding were skipped"
+
+
+def is_array(topic: Topic) -> bool:
+    """Whether a topic holds EventArray, by its md5 or, without one, by its type."""
+    if topic.digest:
+        return topic.digest == EVENT_ARRAY_MD5
+    return topic.type.endswith("/EventArray") and topic.type not in PACKET_TYPES
+
+
+def is_packet(topic: Topic) -> bool:
+    """Whether a topic holds EventPacket, by its md5 or, without one, by its type."""
+    if topic.digest:
+        return topic.digest == EVENT_PACKET_MD5
+    return topic.type in PACKET_TYPES
+
+
+def event_topics(log: MessageLog) -> list[str]:
+    """Names of the topics with events."""
+    return sorted(name for name, topic in log.topics.items() if is_array(topic) or is_packet(topic))
+
+
+def topic_stream(log: MessageLog, name: str) -> EventStream:
+    """The events of one topic."""
+    if is_array(log.topics[name]):
+        return ArrayStream(log, name)
+    return PacketStream(log, name)
+
+
+class ArrayStream(EventStream):
+    """A topic of EventArray messages."""
+
+    def __init__(self, log: MessageLog, name: str) -> None:
+        self.where = f"{log.path}: {name}"
+        self._log, self._topic = log, log.topics[name]
+        self._dtype = ROS1_EVENT if self._topic.encoding == "ros1" else CDR_EVENT
+        self.resolution = self._sensor()
+
+    def _sensor(self) -> tuple[int, int] | None:
+        for message in self._log.messages(self._topic.name, Faults()):
+            try:
+                width, height, _ = event_array(message, self._topic.encoding)
+            except DamagedMessageError:
+                continue
+            return (width, height) if width and height else None
+        return None
+
+    def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
+        parts: list[bytes | memoryview] = []
+        waiting = 0
+        for message in self._log.messages(self._topic.name, faults):
+            try:
+                records = event_array(message, self._topic.encoding).records
+            except DamagedMessageError:
+                faults[DAMAGED_MESSAGE] += 1
+                continue
+            parts.append(records)
+            waiting += len(records)
+            if waiting >= BLOCK_EVENTS * self._dtype.itemsize:
+                yield event_block(b"".join(parts), self._dtype)
+                parts, waiting = [], 0
+        if waiting:
+            yield event_block(b"".join(parts), self._dtype)
+
+    def ends(self) -> Iterator[EventBlock]:
+        """Events of the last messages, enough to tell credible stamps from damaged ones."""
+        parts: list[bytes | memoryview] = []
+        for message in self._log.messages(self._topic.name, Faults(), backwards=True):
+            try:
+                parts.append(event_array(message, self._topic.encoding).records)
+            except DamagedMessageError:
+                continue
+            if sum(map(len, parts)) >= LAST_EVENTS * self._dtype.itemsize:
+                break
+        if any(map(len, parts)):
+            yield event_block(b"".join(reversed(parts)), self._dtype)
+
+
+class PacketStream(EventStream):
+    """A topic of EventPacket messages: evt3, libcaer, libcaer_cmp or mono."""
+
+    def __init__(self, log: MessageLog, name: str) -> None:
+        self.where = f"{log.path}: {name}"
+        self._log, self._topic = log, log.topics[name]
+        first = next(self._packets(Faults()), None)
+        if first is None:
+            raise InputError(f"{self.where}: holds no events; both cameras are needed")
+        self.resolution = (first.width, first.height) if first.width and first.height else None
+        self.wrap_ns = evt.WRAP_US * 1000 if first.encoding == "evt3" else 0
+
+    def arrival_offset_ns(self) -> int | None:
+        """Stamp of the first message with events less the sensor's time of its first event."""
+        if not self.wrap_ns:
+            return None
+        decoder = evt.Evt3()
+        for packet in self._packets(Faults()):
+            for block in _decode(packet, decoder):
+                return packet.stamp_ns - int(block.t_ns[0])
+        return None
+
+    def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
+        parts: list[EventBlock] = []
+        waiting = 0
+        for block in self._decoded(faults):
+            parts.append(block)
+            waiting += len(block)
+            if waiting >= BLOCK_EVENTS:
+                yield EventBlock.concatenate(parts)
+                parts, waiting = [], 0
+        if parts:
+            yield EventBlock.concatenate(parts)
+
+    def _decoded(self, faults: Faults) -> Iterator[EventBlock]:
+        evt3, packed = evt.Evt3(), evt.LibcaerPacked()
+        offset_ns: int | None = None
+        for packet in self._packets(faults):
+            decoder = evt3 if packet.encoding == "evt3" else packed
+            try:
+                blocks = list(_decode(packet, decoder))
+            except DamagedMessageError:
+                faults[UNKNOWN_ENCODING] += 1
+                continue
+            for block in blocks:
+                if packet.encoding == "evt3":
+                    arrival_ns = packet.stamp_ns - int(block.t_ns[0])
+                    offset_ns = arrival_ns if offset_ns is None else offset_ns
+                    block = self._unwrapped(block, arrival_ns - offset_ns)
+                yield block
+
+    def _unwrapped(self, block: EventBlock, late_ns: int) -> EventBlock:
+        """Undo wraps of the sensor's clock that were lost with packets, by the time of arrival."""
+        wraps = round(late_ns / self.wrap_ns) if self.wrap_ns else 0
+        if wraps == 0:
+            return block
+        return EventBlock(block.x, block.y, block.t_ns + wraps * self.wrap_ns, block.polarity)
+
+    def _packets(self, faults: Faults) -> Iterator[EventPacket]:
+        for message in self._log.messages(self._topic.name, faults):
+            try:
+                packet = event_packet(message, self._topic.encoding)
+            except DamagedMessageError:
+                faults[DAMAGED_MESSAGE] += 1
+                continue
+            yield packet
+
+
+def _decode(packet: EventPacket, decoder: evt.Evt3 | evt.LibcaerPacked) -> Iterator[EventBlock]:
+    """Events of a packet; DamagedMessageError if its encoding is unknown."""
+    data = np.frombuffer(packet.data, np.uint8)
+    # A packet cut short ends with the last whole word.
+    if packet.encoding == "evt3" and isinstance(decoder, evt.Evt3):
+        yield from decoder.decode(data[: len(data) // 2 * 2].view("<u2"))
+    elif packet.encoding == "libcaer_cmp" and isinstance(decoder, evt.LibcaerPacked):
+        yield from decoder.decode(data[: len(data) // 2 * 2].view("<u2"), packet.time_base_ns)
+    elif packet.encoding in ("libcaer", "mono"):
+        decode = evt.libcaer if packet.encoding == "libcaer" else evt.mono
+        block = decode(data[: len(data) // 8 * 8], packet.time_base_ns)
+        if len(block):
+            yield block
+    else:
+        raise DamagedMessageError
+
+
+def open_log(
+    log: MessageLog, calibration: Path | str | None, left: str | None, right: str | None
+) -> Recording:
+    """Open the two event topics of a log.
+
+    Without a calibration, the camera_info topics beside the events are used.
+
+    Raises
+    ------
+    InputError
+        If it has no two event topics, or their names do not tell the cameras apart; the message
+        has the flags to choose from.
+    """
+    names = event_topics(log)
+    if not names:
+        listing = ", ".join(f"{topic.name} ({topic.type})" for topic in log.topics.values())
+        raise InputError(f"{log.path}: has no topic with events, only {listing}")
+    left, right = choose_pair(log.path, names, left, right, "topic")
+    rig = camera_info_of_log(log, left, right) if calibration is None else None
+    rig = rig or rig_for(log.path, calibration, "the bag")
+    streams = topic_stream(log, left), topic_stream(log, right)
+    streams[0].notes = log.notes
+    return StreamRecording(log.path, log.name, rig, *streams)
