@@ -1,0 +1,50 @@
+"""Find a data set's files in the folder that the user has, or say what to put where."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from gpvo.errors import InputError
+
+
+def find_file(data: Path, names: Sequence[str], advice: str) -> Path:
+    """The first of some names, found anywhere below the folder.
+
+    Parameters
+    ----------
+    data
+        The user's folder.
+    names
+        Names or relative paths, the best one first.
+    advice
+        What to put where, for the error.
+
+    Raises
+    ------
+    InputError
+        If there is no such folder or none of the names in it.
+    """
+    if not data.is_dir():
+        raise InputError(f"--data {data}: no such folder; {advice}")
+    found = next((path for name in names for path in sorted(data.rglob(name))), None)
+    if found is None:
+        raise InputError(f"{data}: holds no {' or '.join(names)}; {advice}")
+    return found
+
+
+def find_trajectories(folder: Path | None, sequence: str) -> dict[str, Path]:
+    """Competitors' trajectories by name: the files of folders whose name ends in the sequence's.
+
+    Raises
+    ------
+    InputError
+        If there is no such folder.
+    """
+    if folder is None:
+        return {}
+    if not folder.is_dir():
+        raise InputError(f"--trajectories {folder}: no such folder; it holds SEQUENCE/NAME.txt")
+    files = [file for suffix in ("txt", "tum") for file in folder.glob(f"*{sequence}/*.{suffix}")]
+    truths = ("groundtruth", "ground_truth")
+    return {file.stem: file for file in sorted(files) if not file.stem.endswith(truths)}

@@ -1,0 +1,167 @@
+"""Run the odometry on sequences of a data set and compare it with others: what they share."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.console import Console
+
+from benchmarks.data_folder import find_trajectories
+from benchmarks.run import Run, run_odometry
+from gpvo.config import Configuration
+from gpvo.configuration_file import load_configuration
+from gpvo.errors import InputError
+from gpvo.evaluation.command import at_states_of_competitor, print_comparison
+from gpvo.evaluation.comparison import Comparison, compare
+from gpvo.evaluation.cost import cost_table, machine
+from gpvo.evaluation.loading import load_poses
+from gpvo.evaluation.protocol import Contender, Protocol
+from gpvo.evaluation.table_formats import to_rich
+from gpvo.evaluation.tables import ErrorRow
+from gpvo.poses import seconds_text
+from gpvo.recordings import Recording, open_recording
+
+
+@dataclass(frozen=True)
+class DatasetSequence:
+    """Files of one sequence.
+
+    Attributes
+    ----------
+    name
+        As the data set calls it.
+    recording, calibration, ground_truth
+        What the user has.
+    span_ns
+        Absolute first and last stamp to process, or None for all.
+    published
+        Rows of others for the paper's tables.
+    """
+
+    name: str
+    recording: Path
+    calibration: Path | None
+    ground_truth: Path
+    span_ns: tuple[int, int] | None = None
+    published: list[ErrorRow] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Our run on a sequence and how it compares."""
+
+    comparison: Comparison
+    run: Run
+
+
+def arguments(description: str, sequences: Sequence[str]) -> argparse.ArgumentParser:
+    """The options of every data set's benchmark."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--data", type=Path, required=True, help="folder with the data set")
+    parser.add_argument("--sequences", nargs="+", default=list(sequences), metavar="NAME")
+    parser.add_argument(
+        "--trajectories", type=Path, help="folder of others' results: SEQUENCE/NAME.txt (TUM)"
+    )
+    parser.add_argument("--config", type=Path, help="configuration (YAML), see `gpvo config`")
+    parser.add_argument("--seed", type=int, help="seed of all random choices")
+    parser.add_argument("--output", type=Path, help="folder for report, trajectories and costs")
+    return parser
+
+
+def run_benchmark(
+    options: argparse.Namespace,
+    sequences: Sequence[DatasetSequence],
+    protocol: Protocol,
+    console: Console,
+) -> list[Outcome]:
+    """Run, print and, if asked, write all sequences."""
+    configuration = configuration_of(options)
+    outcomes = []
+    for sequence in sequences:
+        outcomes.append(run_sequence(sequence, configuration, options.trajectories, protocol))
+        print_comparison(outcomes[-1].comparison, console)
+    costs = {outcome.comparison.sequence: outcome.run.cost for outcome in outcomes}
+    console.print(to_rich(cost_table(costs)))
+    console.print(machine_text(), style="dim", highlight=False)
+    if options.output is not None:
+        write_outcomes(options.output, outcomes)
+        console.print(f"report: {options.output / 'report.html'}")
+    return outcomes
+
+
+def configuration_of(options: argparse.Namespace) -> Configuration:
+    """The configuration that --config and --seed name."""
+    configuration = load_configuration(options.config) if options.config else Configuration()
+    if options.seed is None:
+        return configuration
+    return configuration.model_copy(update={"seed": options.seed})
+
+
+def run_sequence(
+    sequence: DatasetSequence,
+    configuration: Configuration,
+    trajectories: Path | None,
+    protocol: Protocol,
+) -> Outcome:
+    """Estimate, and compare with the ground truth at the first competitor's states."""
+    recording = open_recording(sequence.recording, sequence.calibration)
+    span = seconds_of(sequence.span_ns, recording)
+    truth = load_poses(sequence.ground_truth, recording.rig)
+    others = [
+        Contender(name, load_poses(path), truth)
+        for name, path in find_trajectories(trajectories, sequence.name).items()
+    ]
+    run = run_odometry(recording, configuration, *span)
+    contenders = at_states_of_competitor([Contender("gpvo", run.poses, truth), *others])
+    return Outcome(compare(sequence.name, contenders, protocol, sequence.published), run)
+
+
+def seconds_of(span_ns: tuple[int, int] | None, recording: Recording) -> tuple[float, float]:
+    """Start and duration, in seconds of the recording, of an absolute span."""
+    if span_ns is None:
+        return 0.0, recording.duration
+    first, last = ((stamp - recording.start_ns) * 1e-9 for stamp in span_ns)
+    start, stop = max(first, 0.0), min(last, recording.duration)
+    if start >= stop:
+        ends = (recording.start_ns, recording.stamp_ns(recording.duration))
+        raise InputError(
+            f"{recording.path}: covers {' to '.join(map(seconds_text, ends))} s, nothing of the"
+            f" evaluated {' to '.join(map(seconds_text, span_ns))} s; is it another sequence?"
+        )
+    return start, stop - start
+
+
+def write_outcomes(folder: Path, outcomes: Sequence[Outcome]) -> None:
+    """Write the report, every trajectory and cost.json."""
+    from gpvo.evaluation.report import write_report  # matplotlib is slow to import
+
+    write_report(folder, [outcome.comparison for outcome in outcomes])
+    for outcome in outcomes:
+        outcome.run.trajectory.save(folder / outcome.comparison.sequence / "trajectory.npz")
+    costs = {outcome.comparison.sequence: outcome.run.cost.to_dict() for outcome in outcomes}
+    text = json.dumps({"machine": machine(), "costs": costs}, indent=2)
+    (folder / "cost.json").write_text(text + "\n", encoding="utf-8")
+
+
+def machine_text() -> str:
+    """Processor, cores and versions in one line."""
+    facts = machine()
+    packages = ", ".join(f"{name} {version}" for name, version in facts["packages"].items())
+    return (
+        f"{facts['processor']}, {facts['cores']} cores, {facts['system']},"
+        f" Python {facts['python']}, {packages}; compilation and reading included"
+    )
+
+
+def exit_with(main: Callable[[], object]) -> None:
+    """Run a benchmark's main; bad input is one line on stderr and exit status 2."""
+    try:
+        main()
+    except InputError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)

@@ -1,0 +1,48 @@
+"""Run the odometry once and count what it costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpvo.config import Configuration
+from gpvo.evaluation.continuous import ContinuousPoses
+from gpvo.evaluation.cost import Cost, CostMeter
+from gpvo.odometry import Odometry
+from gpvo.recordings import Recording
+from gpvo.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A trajectory and what it cost."""
+
+    trajectory: Trajectory
+    cost: Cost
+
+    @property
+    def poses(self) -> ContinuousPoses:
+        """The trajectory, to be compared."""
+        return ContinuousPoses.of(self.trajectory)
+
+
+def run_odometry(
+    recording: Recording,
+    configuration: Configuration | None = None,
+    start: float = 0.0,
+    duration: float = np.inf,
+) -> Run:
+    """Estimate the motion from `start` for `duration` seconds; reading the events counts too.
+
+    Raises
+    ------
+    InputError
+        As `Odometry.run` does.
+    """
+    meter = CostMeter()
+    odometry = Odometry(recording.rig, configuration, meter.stage)
+    trajectory = odometry.run(recording, start, duration)
+    reports = odometry.reports
+    events = sum(report.events for report in reports)
+    return Run(trajectory, meter.total(reports[-1].stop - reports[0].start, events))

@@ -1,0 +1,36 @@
+"""A small simulated recording, and a configuration that is soon done with it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(REPOSITORY))  # `benchmarks` is not installed
+
+from gpvo.simulation.recording import (  # noqa: E402
+    SimulatedRecording,
+    SimulationConfig,
+    simulate,
+)
+
+SMALL = SimulationConfig(
+    seed=1, motion="back_and_forth", duration=0.6, resolution=(160, 120), focal_length=110.0
+)
+
+
+@pytest.fixture(scope="session")
+def recording() -> SimulatedRecording:
+    return simulate(SMALL)
+
+
+@pytest.fixture
+def config_file(tmp_path: Path) -> Path:
+    path = tmp_path / "config.yaml"
+    path.write_text(
+        "tracking: {patch: {max_features: 40}}\nclustering: {max_events: 5000}\n"
+        "estimator: {method: batch, state_interval: 0.01}\n"
+    )
+    return path
