@@ -307,6 +307,11 @@ def gauss_newton(table: Table) -> None:
         rounds=7,
         each=1,
     )
+    step = pysteam_step(problem)
+    if step:
+        seconds |= fastest({"pysteam": step, "ours": iteration(ours, problem.start)}, 1, 1)
+        ratio = seconds["pysteam"] / seconds["ours"]
+        table.add_row("  pysteam to ours", f"{ratio:.0f}", ">= 50")
     every = list(range(500))
     solved = {
         "native": position_error(problem, optimize(as_graph(native), problem.start), every),
@@ -321,6 +326,62 @@ def gauss_newton(table: Table) -> None:
         table.add_row(f"  position error of {name}, mm", f"{1e3 * error:.2f}", "the same")
     for name, factors in (("exact", ours), ("the paper's first-order", paper)):
         table.add_row(f"  steps to 1e-9 with {name} E_21, E_23", str(steps(factors, problem)), "")
+
+
+def pysteam_step(problem: Problem) -> Call | None:
+    """One Gauss-Newton step of asrl-pysteam on the same problem, if it is installed.
+
+    Its convention is that of the paper: world to camera, translation first.
+    """
+    try:
+        from pylgmath import Transformation
+        from pysteam.evaluable.se3 import SE3StateVar
+        from pysteam.evaluable.stereo import (
+            CameraIntrinsics,
+            ComposeLandmarkEvaluator,
+            HomoPointStateVar,
+            StereoErrorEvaluator,
+        )
+        from pysteam.evaluable.vspace import VSpaceStateVar
+        from pysteam.problem import (
+            L2LossFunc,
+            OptimizationProblem,
+            StaticNoiseModel,
+            WeightedLeastSquareCostTerm,
+        )
+        from pysteam.solver import GaussNewtonSolver
+        from pysteam.trajectory import Time
+        from pysteam.trajectory.const_vel import Interface
+    except ImportError:
+        return None
+    swap = np.roll(np.eye(6), 3, axis=0)
+    start, trajectory, opt = problem.start, Interface(qcd=swap @ QC), OptimizationProblem()
+    points = [
+        HomoPointStateVar(np.r_[start.atPoint3(L(n)), 1.0][:, None])
+        for n in range(len(problem.points))
+    ]
+    u, v, disparity = problem.measured.T
+    measured = np.stack([u, v, u - disparity, v], axis=-1)[..., None]
+    sigmas = SIGMAS[[0, 1, 2, 1]] * [1, np.sqrt(2), 1, np.sqrt(2)]
+    noise, loss = StaticNoiseModel(np.diag(sigmas**2)), L2LossFunc()
+    intrinsics = CameraIntrinsics(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, CAMERA.baseline)
+    poses = []
+    for k, t in enumerate(problem.times):
+        T_camera_world = Transformation(T_ba=se3_inverse(start.atPose3(X(k)).matrix()))
+        poses.append(SE3StateVar(T_camera_world))
+        velocity = VSpaceStateVar(-swap @ start.atVector(V(k))[:, None])
+        trajectory.add_knot(time=Time(t), T_k0=poses[k], w_0k_ink=velocity)
+        opt.add_state_var(poses[k], velocity)
+    opt.add_state_var(*points)
+    first = Transformation(T_ba=se3_inverse(problem.truth[0]))
+    trajectory.add_pose_prior(Time(problem.times[0]), first, 1e-6 * np.eye(6))
+    opt.add_cost_term(*trajectory.get_prior_cost_terms())
+    for k, n in enumerate(problem.landmark):
+        seen = ComposeLandmarkEvaluator(poses[k], points[n])
+        error = StereoErrorEvaluator(measured[k], intrinsics, seen)
+        opt.add_cost_term(WeightedLeastSquareCostTerm(error, noise, loss))
+    solver = GaussNewtonSolver(opt)
+    return solver.linearize_solve_and_update
 
 
 def steps(factors: Factors, problem: Problem) -> int:

@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 CAMERA = StereoCamera(fx=226.0, fy=226.0, cx=173.0, cy=130.0, baseline=0.1)
 TWIST = np.array([0.1, 0.2, 0.1, 0.2, 0.1, 0.3])  # the true motion, rad/s and m/s
 QC = np.array([0.02, 0.02, 0.02, 0.2, 0.2, 0.2])
-PIXELS = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.5, 0.5, 0.7]))
+PIXELS = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.3, 0.3, 0.3]))
 STEP, LAG, STATES = 0.02, 0.2, 30
-LANDMARKS, PER_STEP = 12, 8
+LANDMARKS, PER_STEP = 20, 12
 
 
 def make_smoother() -> gtsam.IncrementalFixedLagSmoother:
