@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from gpvo.poses import rigid_transforms
+from gpvo.poses import StampedPoses, rigid_transforms
 
 Array = NDArray[np.float64]
 MotionName = Literal["hand_held", "fast", "rotation", "back_and_forth", "corridor", "still"]
@@ -72,6 +72,12 @@ class Motion:
         turns = Rotation.from_rotvec(spread[:, 3:] * style.turn)
         rotations = Rotation.from_matrix(_R_WORLD_AHEAD) * turns
         return Motion(CubicSpline(times, positions), RotationSpline(times, rotations))
+
+    @staticmethod
+    def through(poses: StampedPoses) -> Motion:
+        """Through given poses of a camera, the first at t = 0; the world's z points up."""
+        times, rotations = poses.seconds, Rotation.from_matrix(poses.rotations)
+        return Motion(CubicSpline(times, poses.positions), RotationSpline(times, rotations))
 
     def later(self, seconds: float) -> Motion:
         """The same motion with t = 0 so many seconds later."""

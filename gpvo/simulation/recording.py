@@ -128,16 +128,20 @@ class SimulatedRecording(Recording):
 
 
 def simulate(
-    config: SimulationConfig, progress: Callable[[float], None] | None = None
+    config: SimulationConfig,
+    progress: Callable[[float], None] | None = None,
+    motion: Motion | None = None,
 ) -> SimulatedRecording:
-    """Simulate a stereo recording; the same config gives the same recording, bit for bit.
+    """Simulate a stereo recording; the same input gives the same recording, bit for bit.
 
-    `progress`, if given, hears how much is done, from 0 to 1.
+    `progress`, if given, hears how much is done, from 0 to 1. `motion`, if given, takes the place
+    of the random one, in a room as large as it needs.
     """
     seeds = np.random.SeedSequence(config.seed).spawn(4)
     scene_rng, motion_rng, *sensor_rngs = map(np.random.default_rng, seeds)
-    scene = Scene.random(*config.room, config.boxes, scene_rng)
-    motion = Motion.random(config.motion, config.duration, motion_rng)
+    room = config.room if motion is None else room_around(motion, config.duration)
+    scene = Scene.random(*room, config.boxes, scene_rng)
+    motion = motion or Motion.random(config.motion, config.duration, motion_rng)
     sensor = config.sensor
     times = frame_times(scene, motion, sensor, config.duration, config.pixels_per_frame)
     T_left_right = np.eye(4)
@@ -153,6 +157,13 @@ def simulate(
                 progress(number / (len(times) - 1))
     left, right = (Events.concatenate(stream) for stream in zip(*steps, strict=True))
     return _recording(config, scene, motion, left, right)
+
+
+def room_around(motion: Motion, duration: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest corner (2, 3) of a room and of the part that the motion needs, metres."""
+    way = motion.pose(np.linspace(0.0, duration, 200))[:, :3, 3]
+    clear = np.stack([way.min(axis=0) - 0.8, way.max(axis=0) + 0.8])
+    return clear + np.array([[-2.0], [2.0]]), clear
 
 
 def _recording(
