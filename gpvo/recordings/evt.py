@@ -22,12 +22,12 @@ CAPACITY = 1 << 19
 """Events decoded at once."""
 
 LARGEST_STEP = 64
-"""Steps of EVT3's TIME_HIGH (4.096 ms each) that need no confirmation by the next one."""
+"""Steps of EVT3's TIME_HIGH (4.096 ms each); one farther away may be damage."""
 
 LARGEST_JITTER = 10
 """Steps that EVT3's TIME_HIGH may go back without its clock having wrapped."""
 
-Y, BASE, BASE_POLARITY, HIGH, LOW, WRAPS, READY, PENDING = range(8)
+Y, BASE, BASE_POLARITY, HIGH, LOW, WRAPS, READY, TRUSTED_HIGH, TRUSTED_WRAPS = range(9)
 """Places in the state of EVT3."""
 
 
@@ -40,8 +40,8 @@ class Evt3:
     word = np.dtype("<u2")
 
     def __init__(self) -> None:
-        self._state = np.zeros(8, np.int64)
-        self._state[HIGH] = self._state[PENDING] = -1
+        self._state = np.zeros(9, np.int64)
+        self._state[HIGH] = self._state[TRUSTED_HIGH] = -1
 
     def decode(self, words: NDArray[np.uint16]) -> Iterator[EventBlock]:
         """Events of consecutive words; t_ns is in nanoseconds of the sensor's clock."""
@@ -115,7 +115,7 @@ def _evt3(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-
     row, base, base_polarity = state[Y], state[BASE], state[BASE_POLARITY]
     count, room = 0, len(x) - 12
     now = state[WRAPS] * WRAP_US + state[HIGH] * 4096 + state[LOW]
-    valid = state[READY] == 1 and state[PENDING] < 0
+    valid = state[READY] == 1
     while used < len(words) and count <= room:
         word = np.int64(words[used])
         used += 1
@@ -143,34 +143,47 @@ def _evt3(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-
             if state[HIGH] >= 0:
                 state[READY] = 1
             now = state[WRAPS] * WRAP_US + state[HIGH] * 4096 + payload
-            valid = state[READY] == 1 and state[PENDING] < 0
+            valid = state[READY] == 1
         elif code == 0x8:
             _time_high(payload, state)
             now = state[WRAPS] * WRAP_US + state[HIGH] * 4096 + state[LOW]
-            valid = state[READY] == 1 and state[PENDING] < 0
+            valid = state[READY] == 1
     state[Y], state[BASE], state[BASE_POLARITY] = row, base, base_polarity
     return used, count
 
 
 @njit(cache=True)
 def _time_high(high, state):  # type: ignore[no-untyped-def]
-    """Take a TIME_HIGH over; one far from the last counts only if the next one agrees."""
+    """Take a TIME_HIGH over; after a jump that the next one does not confirm, go back."""
     if state[HIGH] < 0:
         state[HIGH] = high
-        return
-    step = (high - state[HIGH]) & 0xFFF
-    near = step <= LARGEST_STEP or step >= 4096 - LARGEST_JITTER
-    if not near:
-        confirmed = state[PENDING] >= 0 and ((high - state[PENDING]) & 0xFFF) <= LARGEST_STEP
-        if not confirmed:
-            state[PENDING] = high
-            return
-    backwards = step >= 4096 - LARGEST_JITTER
-    if backwards and high > state[HIGH]:
-        state[WRAPS] -= 1
-    if not backwards and high < state[HIGH]:
-        state[WRAPS] += 1
-    state[HIGH], state[PENDING] = high, -1
+    elif _follows(state[HIGH], high):
+        _advance(state[HIGH], state[WRAPS], high, state)
+        state[TRUSTED_HIGH] = -1
+    elif state[TRUSTED_HIGH] >= 0 and _follows(state[TRUSTED_HIGH], high):
+        _advance(state[TRUSTED_HIGH], state[TRUSTED_WRAPS], high, state)
+        state[TRUSTED_HIGH] = -1
+    else:
+        if state[TRUSTED_HIGH] < 0:
+            state[TRUSTED_HIGH], state[TRUSTED_WRAPS] = state[HIGH], state[WRAPS]
+        _advance(state[TRUSTED_HIGH], state[TRUSTED_WRAPS], high, state)
+
+
+@njit(cache=True)
+def _follows(previous, high):  # type: ignore[no-untyped-def]
+    step = (high - previous) & 0xFFF
+    return step <= LARGEST_STEP or step >= 4096 - LARGEST_JITTER
+
+
+@njit(cache=True)
+def _advance(previous, wraps, high, state):  # type: ignore[no-untyped-def]
+    """Count a wrap where the counter starts again, and take it back where it only jitters."""
+    jitters = (high - previous) & 0xFFF >= 4096 - LARGEST_JITTER
+    if jitters and high > previous:
+        wraps -= 1
+    if not jitters and high < previous:
+        wraps += 1
+    state[HIGH], state[WRAPS] = high, wraps
 
 
 @njit(cache=True)

@@ -21,7 +21,7 @@ NAMES = (
     "resolution",
     "T_to_prophesee_left",
 )
-EXPECTED = "an HDF5 file of M3ED"
+EXPECTED = "a kalibr camchain, or an HDF5 file of M3ED with the calibration"
 
 
 def read_m3ed(path: Path) -> StereoRig:

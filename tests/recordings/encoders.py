@@ -1,0 +1,162 @@
+"""Small encoders of the cameras' byte streams and files, for the tests to write."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import hdf5plugin
+import numpy as np
+from recording_files import HEIGHT, WIDTH
+
+from gpvo.recordings.streams import EventBlock
+
+START_NS = 1_500_000_000_123_456_000
+"""Whole microseconds."""
+
+
+def event_block(
+    count: int, seed: int = 0, start_ns: int = START_NS, seconds: float = 0.5
+) -> EventBlock:
+    """Random events in order, with whole microseconds."""
+    rng = np.random.default_rng(seed)
+    t_us = np.sort(rng.integers(0, int(seconds * 1e6), count))
+    return EventBlock(
+        rng.integers(0, WIDTH, count).astype(np.uint16),
+        rng.integers(0, HEIGHT, count).astype(np.uint16),
+        start_ns + 1000 * t_us,
+        rng.integers(0, 2, count).astype(bool),
+    )
+
+
+def shifted(block: EventBlock, shift_ns: int) -> EventBlock:
+    return EventBlock(block.x, block.y, block.t_ns + shift_ns, block.polarity)
+
+
+def evt3_words(block: EventBlock, vectors: bool = False) -> np.ndarray:
+    """EVT3 of events in order; their times modulo 16.777 s. With `vectors`, VECT_12 of runs."""
+    words: list[int] = []
+    last_high, last_low, last_y = -1, -1, -1
+    index = 0
+    while index < len(block):
+        t_us = int(block.t_ns[index]) // 1000
+        high, low, y = t_us >> 12 & 0xFFF, t_us & 0xFFF, int(block.y[index])
+        if high != last_high:
+            words.append(0x8000 | high)
+            low_known = False
+            last_high = high
+        else:
+            low_known = low == last_low
+        if not low_known:
+            words.append(0x6000 | low)
+            last_low = low
+        if y != last_y:
+            words.append(y)
+            last_y = y
+        run = _run(block, index) if vectors else []
+        x, polarity = int(block.x[index]), int(block.polarity[index])
+        if len(run) > 1:
+            words.append(0x3000 | polarity << 11 | x)
+            words.append(0x4000 | sum(1 << int(block.x[i]) - x for i in run))
+            index += len(run)
+        else:
+            words.append(0x2000 | polarity << 11 | x)
+            index += 1
+    return np.array(words, "<u2")
+
+
+def _run(block: EventBlock, first: int) -> list[int]:
+    """Following events of one time, row and polarity, rightwards within 12 columns."""
+    run = [first]
+    for index in range(first + 1, len(block)):
+        same = all(
+            getattr(block, name)[index] == getattr(block, name)[first]
+            for name in ("t_ns", "y", "polarity")
+        )
+        x, previous = int(block.x[index]), int(block.x[run[-1]])
+        if not (same and previous < x < int(block.x[first]) + 12):
+            break
+        run.append(index)
+    return run
+
+
+def evt2_words(block: EventBlock) -> np.ndarray:
+    """EVT2 of events in order."""
+    words: list[int] = []
+    last_high = -1
+    for x, y, t_ns, polarity in zip(block.x, block.y, block.t_ns, block.polarity, strict=True):
+        t_us = int(t_ns) // 1000
+        if t_us >> 6 != last_high:
+            last_high = t_us >> 6
+            words.append(0x8 << 28 | last_high & 0xFFFFFFF)
+        words.append(int(polarity) << 28 | (t_us & 0x3F) << 22 | int(x) << 11 | int(y))
+    return np.array(words, "<u4")
+
+
+def raw_file(path: Path, words: np.ndarray) -> Path:
+    """A Prophesee raw file."""
+    version = "3.0" if words.itemsize == 2 else "2.0"
+    header = f"% date 2026-01-01 00:00:00\n% evt {version}\n% geometry {WIDTH}x{HEIGHT}\n% end\n"
+    path.write_bytes(header.encode() + words.tobytes())
+    return path
+
+
+def libcaer_packed_words(block: EventBlock, time_base_ns: int) -> np.ndarray:
+    """libcaer_cmp of one packet."""
+    words = []
+    for x, y, t_ns, polarity in zip(block.x, block.y, block.t_ns, block.polarity, strict=True):
+        t_us = (int(t_ns) - time_base_ns) // 1000
+        words += [t_us >> 12, 0x1000 | t_us & 0xFFF, 0x2000 | int(x)]
+        words.append(0x3000 | int(polarity) << 11 | int(y))
+    return np.array(words, "<u2")
+
+
+def libcaer_records(block: EventBlock, time_base_ns: int) -> np.ndarray:
+    """libcaer of one packet."""
+    records = np.zeros(len(block), [("data", "<u4"), ("ts", "<i4")])
+    x, y = block.x.astype(np.uint32), block.y.astype(np.uint32)
+    records["data"] = x << 17 | y << 2 | block.polarity.astype(np.uint32) << 1 | 1
+    records["ts"] = (block.t_ns - time_base_ns) // 1000
+    return records
+
+
+def mono_records(block: EventBlock, time_base_ns: int) -> np.ndarray:
+    """The 8-byte records of `mono`."""
+    parts = [block.t_ns - time_base_ns, block.x, block.y, block.polarity]
+    dt, x, y, polarity = (np.asarray(part).astype(np.uint64) for part in parts)
+    bits = dt | x << np.uint64(32) | y << np.uint64(48) | polarity << np.uint64(63)
+    return bits.astype("<u8")
+
+
+def column_file(path: Path, block: EventBlock, **changes: Any) -> Path:
+    """DSEC's layout; `changes` replace datasets, None leaves one out."""
+    offset_us = int(block.t_ns[0]) // 1000 - 5
+    t = block.t_ns // 1000 - offset_us
+    datasets: dict[str, Any] = {
+        "events/x": block.x,
+        "events/y": block.y,
+        "events/t": t.astype(np.uint32),
+        "events/p": block.polarity.astype(np.uint8),
+        "t_offset": np.int64(offset_us),
+        "ms_to_idx": np.searchsorted(t, 1000 * np.arange(t[-1] // 1000 + 1)).astype(np.uint64),
+    } | changes
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with h5py.File(path, "w") as file:
+        for name, data in datasets.items():
+            if data is not None:
+                packed = hdf5plugin.Blosc(cname="zstd") if np.ndim(data) else {}
+                file.create_dataset(name, data=data, **packed)
+    return path
+
+
+def text_file(path: Path, block: EventBlock) -> Path:
+    """`t x y polarity`, seconds from zero."""
+    seconds = (block.t_ns - START_NS) / 1e9
+    lines = [
+        f"{t:.9f} {x} {y} {int(polarity)}"
+        for t, x, y, polarity in zip(seconds, block.x, block.y, block.polarity, strict=True)
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines) + "\n")
+    return path

@@ -1,0 +1,207 @@
+"""Bags of every kind, written by other libraries one event at a time, give the same events."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_files import event_arrays, event_packets, types, write_rosbag1, write_rosbag2
+from encoders import (
+    START_NS,
+    event_block,
+    evt3_words,
+    libcaer_packed_words,
+    libcaer_records,
+    mono_records,
+    shifted,
+)
+from reading import assert_recording_holds, read_stream
+from recording_files import HEIGHT, WIDTH
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+
+from gpvo.errors import InputError
+from gpvo.recordings import open_recording
+from gpvo.recordings.evt import WRAP_US
+from gpvo.recordings.rosbag1 import RosBag1
+from gpvo.recordings.streams import EventBlock
+from gpvo.recordings.topics import event_topics, topic_stream
+
+LEFT, RIGHT = event_block(700, 1), event_block(500, 2)
+WRAP_NS = WRAP_US * 1000
+TOPICS = ("/davis/left/events", "/davis/right/events")
+
+
+def arrays(ros1: bool, package: str = "dvs_msgs", topics: tuple[str, str] = TOPICS) -> list:
+    store = types(ros1)
+    return [
+        message
+        for topic, block in zip(topics, (LEFT, RIGHT), strict=True)
+        for message in event_arrays(store, topic, block, ros1, package)
+    ]
+
+
+@pytest.mark.parametrize("package", ["dvs_msgs", "prophesee_event_msgs", "dv_ros_msgs"])
+@pytest.mark.parametrize("compression", [None, *Writer1.CompressionFormat])
+def test_rosbag1(tmp_path: Path, calibration: Path, package: str, compression: object) -> None:
+    path = write_rosbag1(tmp_path / "a.bag", arrays(True, package), compression)
+    assert_recording_holds(open_recording(path, calibration), LEFT, RIGHT)
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_rosbag2(tmp_path: Path, calibration: Path, storage: StoragePlugin) -> None:
+    folder = write_rosbag2(tmp_path / "bag", arrays(False), storage)
+    assert_recording_holds(open_recording(folder, calibration), LEFT, RIGHT)
+    (folder / "metadata.yaml").unlink()
+    assert_recording_holds(open_recording(folder, calibration), LEFT, RIGHT)
+    (file,) = folder.iterdir()
+    assert_recording_holds(open_recording(file, calibration), LEFT, RIGHT)
+
+
+def test_rosbag2_in_two_files(tmp_path: Path, calibration: Path) -> None:
+    messages = sorted(arrays(False), key=lambda entry: entry[2])
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    for number, part in enumerate((messages[:6], messages[6:])):
+        written = write_rosbag2(tmp_path / str(number), part, StoragePlugin.SQLITE3)
+        next(written.glob("*.db3")).rename(folder / f"bag_{number}.db3")
+    assert_recording_holds(open_recording(folder, calibration), LEFT, RIGHT)
+
+
+ENCODERS: dict[str, Callable] = {
+    "evt3": lambda block, base: evt3_words(block),
+    "libcaer_cmp": libcaer_packed_words,
+    "libcaer": libcaer_records,
+    "mono": mono_records,
+}
+
+
+def packets(
+    ros1: bool, encoding: str, blocks: tuple = (LEFT, RIGHT), delays: tuple[int, int] = (0, 0)
+) -> list:
+    store = types(ros1)
+    return [
+        message
+        for topic, block, delay in zip(TOPICS, blocks, delays, strict=True)
+        for message in event_packets(
+            store, topic, block, ros1, encoding, ENCODERS[encoding], delay_ns=delay
+        )
+    ]
+
+
+@pytest.mark.parametrize("encoding", ENCODERS)
+@pytest.mark.parametrize("ros1", [True, False])
+def test_event_packets(tmp_path: Path, calibration: Path, encoding: str, ros1: bool) -> None:
+    messages = packets(ros1, encoding)
+    if ros1:
+        path = write_rosbag1(tmp_path / "a.bag", messages)
+    else:
+        path = write_rosbag2(tmp_path / "bag", messages, StoragePlugin.MCAP)
+    # EVT3 is placed by the time of arrival, here that of the first left event.
+    assert_recording_holds(open_recording(path, calibration), LEFT, RIGHT)
+
+
+def test_cameras_that_share_a_clock_keep_it(tmp_path: Path, calibration: Path) -> None:
+    """Delays of arrival do not enter where the sensors' own stamps agree but for their wraps."""
+    messages = packets(True, "evt3", delays=(3_000_000, 8_000_000))
+    recording = open_recording(write_rosbag1(tmp_path / "a.bag", messages), calibration)
+    assert_recording_holds(recording, shifted(LEFT, 3_000_000), shifted(RIGHT, 3_000_000))
+
+
+def test_wraps_of_one_camera_only(tmp_path: Path, calibration: Path) -> None:
+    """The left camera's counter wraps before its first packet, the right one's behind."""
+    start = (START_NS // WRAP_NS + 1) * WRAP_NS + 5_000_000
+    left = event_block(300, 3, start)
+    right = event_block(400, 4, start - 8_000_000)
+    messages = packets(True, "evt3", (left, right))
+    recording = open_recording(write_rosbag1(tmp_path / "a.bag", messages), calibration)
+    assert_recording_holds(recording, left, right)
+    assert any("wraps" in note for note in recording.notes)
+
+
+def test_clocks_that_are_not_synchronised(tmp_path: Path, calibration: Path) -> None:
+    right = shifted(RIGHT, 3_000_000_000)
+    messages = packets(True, "evt3", (LEFT, right), (0, -3_000_000_000))
+    recording = open_recording(write_rosbag1(tmp_path / "a.bag", messages), calibration)
+    assert_recording_holds(recording, LEFT, RIGHT)
+    assert any("not synchronised" in note for note in recording.notes)
+
+
+def test_packets_that_were_lost_for_longer_than_a_wrap(tmp_path: Path, calibration: Path) -> None:
+    late = shifted(event_block(300, 5), 40_000_000_000)
+    both = EventBlock.concatenate([LEFT, late])
+    messages = packets(True, "evt3") + packets(True, "evt3", (late, late))
+    right = EventBlock.concatenate([RIGHT, late])
+    recording = open_recording(write_rosbag1(tmp_path / "a.bag", messages), calibration)
+    assert_recording_holds(recording, both, right)
+
+
+def test_ambiguous_topics(tmp_path: Path, calibration: Path) -> None:
+    path = write_rosbag1(tmp_path / "a.bag", arrays(True, topics=("/front", "/rear")))
+    with pytest.raises(InputError) as caught:
+        open_recording(path, calibration)
+    assert "--left-topic /front --right-topic /rear" in str(caught.value)
+    recording = open_recording(path, calibration, "/front", "/rear")
+    assert_recording_holds(recording, LEFT, RIGHT)
+    assert_recording_holds(open_recording(path, calibration, right_topic="/front"), RIGHT, LEFT)
+    with pytest.raises(InputError, match="has no topic /back; it has /front, /rear"):
+        open_recording(path, calibration, "/back")
+
+
+@pytest.mark.parametrize(
+    "topics",
+    [
+        ("/cam0/events", "/cam1/events"),
+        ("/dvs/left", "/dvs/right"),
+        ("/prophesee/camera_0/cd", "/prophesee/camera_1/cd"),
+    ],
+)
+def test_pairs_of_topics(tmp_path: Path, calibration: Path, topics: tuple[str, str]) -> None:
+    path = write_rosbag1(tmp_path / "a.bag", arrays(True, topics=topics))
+    assert_recording_holds(open_recording(path, calibration), LEFT, RIGHT)
+
+
+def test_one_camera_or_none(tmp_path: Path, calibration: Path) -> None:
+    path = write_rosbag1(tmp_path / "a.bag", [m for m in arrays(True) if m[0] == TOPICS[0]])
+    with pytest.raises(InputError, match="two cameras are needed"):
+        open_recording(path, calibration)
+    store = types(True)
+    empty = event_arrays(store, TOPICS[1], LEFT, True)[:1]
+    path = write_rosbag1(tmp_path / "b.bag", [*event_arrays(store, TOPICS[0], LEFT, True), *empty])
+    with pytest.raises(InputError, match="/davis/right/events: holds no events"):
+        open_recording(path, calibration)
+
+
+def test_camera_info_in_the_bag(tmp_path: Path) -> None:
+    store = types(True)
+    info, region = (
+        store.types[f"sensor_msgs/msg/{name}"] for name in ("CameraInfo", "RegionOfInterest")
+    )
+    messages = arrays(True)
+    for side, offset in (("left", 0.0), ("right", -4.0)):
+        K = np.array([40.0, 0, 32, 0, 40, 24, 0, 0, 1])
+        P = np.array([40.0, 0, 32, offset, 0, 40, 24, 0, 0, 0, 1, 0])
+        head = messages[0][3].header
+        lens = ("plumb_bob", np.zeros(5), K, np.eye(3).ravel(), P, 0, 0)
+        message = info(head, HEIGHT, WIDTH, *lens, region(0, 0, 0, 0, False))
+        messages.append(
+            (f"/davis/{side}/camera_info", "sensor_msgs/msg/CameraInfo", START_NS, message)
+        )
+    recording = open_recording(write_rosbag1(tmp_path / "a.bag", messages))
+    assert recording.rig.baseline == pytest.approx(0.1)
+    assert recording.rig.focal_length == 40.0
+    assert_recording_holds(recording, LEFT, RIGHT)
+
+
+def test_real_bag_of_event_packets(shared: Path) -> None:
+    """The sums that event_camera_py's own tests expect."""
+    bag = RosBag1(shared / "real/reader_samples/event_camera_py_test_events_1.bag")
+    (topic,) = event_topics(bag)
+    stream = topic_stream(bag, topic)
+    events = read_stream(stream)
+    assert stream.resolution == (640, 480)
+    assert (int((~events.polarity).sum()), int(events.polarity.sum())) == (218_291, 125_183)
+    assert int(events.t_ns[0]) == 7_139_845_000
+    assert int(events.t_ns.sum()) == 2_851_601_611_994_000
