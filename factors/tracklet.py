@@ -21,6 +21,7 @@ from factors.stereo import StereoCamera
 from factors.tracklet_kernels import (
     eliminate_kernel,
     landmark_kernel,
+    placed_kernel,
     poses_kernel,
     rows_kernel,
     states_rows_kernel,
@@ -139,6 +140,7 @@ class _Tracklet:
         self.loss: Any = model.robust() if isinstance(model, gtsam.noiseModel.Robust) else None
         self.states, self.first, self.a, self.b = _brackets(times, states, len(measured))
         self.nearest = int(np.argmax(measured[:, 2]))
+        self.ones = np.ones(len(measured))
         self.nearest_point = camera.triangulate(measured[self.nearest])
 
     def error(
@@ -173,9 +175,7 @@ class _Tracklet:
 
     def fit(self, T: Array) -> tuple[Array, Array]:
         """The landmark (3,) in the world that fits best, and the weights (n,) of the errors."""
-        nearest = T[self.nearest]
-        point = nearest[:3, :3] @ self.nearest_point + nearest[:3, 3]
-        weights = np.ones(len(T))
+        point, weights = placed_kernel(T, self.nearest, self.nearest_point), self.ones
         if self.loss is None:
             return self._step(T, point, weights, _MAX_STEPS), weights
         for _ in range(_MAX_STEPS):
@@ -190,7 +190,7 @@ class _Tracklet:
 
     def _distances(self, T: Array, point: Array) -> Array:
         """(n,) norms of the whitened errors."""
-        errors = self.rows(T, point, np.ones(len(T)))[:, 9]
+        errors = self.rows(T, point, self.ones)[:, 9]
         return np.linalg.norm(errors.reshape(-1, 3), axis=1)
 
     def _with_loss(self, error: Array, T: Array, point: Array) -> Array:

@@ -50,6 +50,17 @@ def rows_kernel(
 
 
 @kernel
+def placed_kernel(T: Array, n: int, point: Array) -> Array:
+    """(3,) point of the n-th camera frame in the world."""
+    placed = np.empty(3)
+    for i in range(3):
+        placed[i] = T[n, i, 3]
+        for j in range(3):
+            placed[i] += T[n, i, j] * point[j]
+    return placed
+
+
+@kernel
 def landmark_kernel(
     T: Array,
     landmark: Array,
@@ -158,9 +169,10 @@ def eliminate_kernel(matrix: Array) -> None:
                 normal[i] = matrix[column + i, column]
             normal[0] = head - alpha
             factor = 1 / (squares - alpha * head)  # 2 / normal . normal
-            for j in range(column, matrix.shape[1]):
-                dot = 0.0
-                for i in range(len(normal)):
-                    dot += normal[i] * matrix[column + i, j]
-                for i in range(len(normal)):
-                    matrix[column + i, j] -= factor * dot * normal[i]
+            dots = np.zeros(matrix.shape[1])
+            for i in range(len(normal)):
+                for j in range(column, matrix.shape[1]):
+                    dots[j] += normal[i] * matrix[column + i, j]
+            for i in range(len(normal)):
+                for j in range(column, matrix.shape[1]):
+                    matrix[column + i, j] -= factor * normal[i] * dots[j]
