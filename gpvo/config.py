@@ -177,17 +177,17 @@ class NoiseConfig(StageConfig):
 class EstimatorConfig(StageConfig):
     """Section III-C: the sliding window or fixed-lag smoother."""
 
-    method: Literal["batch", "incremental"] = Field(
-        "incremental",
-        description="incremental: GTSAM's incremental fixed-lag smoother, which keeps what the "
-        "clusters that left the window told; batch: Gauss-Newton over the window at every cluster, "
-        "as in the paper.",
+    method: Literal["fixed_lag", "incremental", "batch"] = Field(
+        "fixed_lag",
+        description="fixed_lag: Gauss-Newton over the window, and a prior that keeps what earlier "
+        "clusters told; incremental: the same by GTSAM's IncrementalFixedLagSmoother, slower; "
+        "batch: Gauss-Newton over the window alone, as in the paper.",
     )
     window: int = Field(5, ge=2, description="Clusters in the window.")
     state_interval: float = Field(
-        0.0,
+        0.025,
         ge=0,
-        description="Shortest time between states, seconds; measurements between them are "
+        description="Longest time between states, seconds; measurements between them are "
         "interpolated. 0 makes every unique tracklet time a state, as the paper does.",
     )
     relative_decrease: float = Field(

@@ -12,9 +12,10 @@ import numpy as np
 from factors import StereoCamera
 from gpvo.calibration import StereoRig
 from gpvo.clustering import StereoCluster, cluster_events
-from gpvo.config import Configuration
+from gpvo.config import Configuration, EstimatorConfig, NoiseConfig
 from gpvo.errors import InputError
 from gpvo.fixed_lag import FixedLagSmoother
+from gpvo.incremental import IncrementalSmoother
 from gpvo.mc_ransac import VelocityFit, mc_ransac
 from gpvo.recordings.base import Recording
 from gpvo.sliding_window import SlidingWindow
@@ -171,5 +172,9 @@ class Odometry:
 
     def _make_estimator(self) -> Estimator:
         config = self.configuration.estimator
-        method = SlidingWindow if config.method == "batch" else FixedLagSmoother
-        return method(self._camera, self.configuration.noise, config)
+        methods: dict[str, Callable[[StereoCamera, NoiseConfig, EstimatorConfig], Estimator]] = {
+            "fixed_lag": FixedLagSmoother,
+            "incremental": IncrementalSmoother,
+            "batch": SlidingWindow,
+        }
+        return methods[config.method](self._camera, self.configuration.noise, config)

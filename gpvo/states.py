@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +23,15 @@ class States:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __getitem__(self, index: slice) -> States:
+        return States(self.t[index], self.T_world_cam[index], self.twist[index])
+
+    @staticmethod
+    def concatenate(parts: Iterable[States]) -> States:
+        """Join states in order of time."""
+        columns = [(part.t, part.T_world_cam, part.twist) for part in parts]
+        return States(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
     def replace_from(self, newer: States) -> None:
         """Replace all states from the first time of others on by those."""

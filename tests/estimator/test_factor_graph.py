@@ -95,12 +95,12 @@ def test_gauss_newton_ends_at_a_stationary_point() -> None:
     graph = problem.graph(MAKE)
     values = gauss_newton(graph, problem.values(MAKE), ordering, config)
     step = graph.linearize(values).eliminateMultifrontal(ordering, gtsam.EliminateQR).optimize()
-    assert max(np.abs(step.at(key)).max() for key in values.keys()) < 1e-6
+    assert max(np.abs(step.at(key)).max() for key in values.keys())  # noqa: SIM118 < 1e-6
     cost = graph.error(values)
     rng = np.random.default_rng(0)
     for _ in range(5):
         delta = gtsam.VectorValues()
-        for key in values.keys():
+        for key in values.keys():  # noqa: SIM118
             delta.insert(key, 1e-4 * rng.standard_normal(values_dimension(key)))
         assert graph.error(values.retract(delta)) > cost
 

@@ -107,7 +107,7 @@ def test_what_is_no_trajectory_is_one_clear_error(tmp_path: Path, content: bytes
     path = tmp_path / "trajectory.npz"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(InputError, match="trajectory.npz") as error:
+    with pytest.raises(InputError, match=r"trajectory\.npz") as error:
         Trajectory.load(path)
     assert "\n" not in str(error.value)
 

@@ -1,0 +1,184 @@
+"""The same factors in GTSAM's incremental fixed-lag smoother: what is old is marginalized."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, V, X
+from numpy.typing import NDArray
+
+from factors import StereoCamera
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.covariance_knots import CovarianceKnots
+from gpvo.factor_graph import (
+    SAME_TIME,
+    FactorMaker,
+    landmark_points,
+    seen_twice,
+    state_times,
+)
+from gpvo.initialization import start_states, velocity_ahead
+from gpvo.mc_ransac import VelocityFit
+from gpvo.states import States
+from gpvo.tracklets import Measurements
+from gpvo.trajectory import Trajectory
+from gpvo.window import FIXED, joint_covariance, qr_parameters
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class _Increment:
+    """What one update adds to the smoother; time stamps decide when a key leaves it."""
+
+    graph: gtsam.NonlinearFactorGraph = field(default_factory=gtsam.NonlinearFactorGraph)
+    values: gtsam.Values = field(default_factory=gtsam.Values)
+    stamps: dict[Any, float] = field(default_factory=dict)
+    factors: list[gtsam.NonlinearFactor] = field(default_factory=list)
+
+    def add_factors(self, factors: Iterable[gtsam.NonlinearFactor]) -> None:
+        for factor in factors:
+            self.graph.push_back(factor)
+            self.factors.append(factor)
+
+    def add_state(self, number: int, t: float, T_world_cam: Array, twist: Array) -> None:
+        self.values.insert(X(number), gtsam.Pose3(T_world_cam))
+        self.values.insert(V(number), twist)
+        self.stamps[X(number)] = self.stamps[V(number)] = t
+
+
+class IncrementalSmoother:
+    """Estimates the states of the latest clusters incrementally.
+
+    New states are those of the newest measurements; a measurement that comes late, at a time before
+    the last state, is interpolated between the states that are there. What is older than the window
+    is marginalized, and its last estimate is final.
+    """
+
+    def __init__(self, camera: StereoCamera, noise: NoiseConfig, config: EstimatorConfig) -> None:
+        self._make = FactorMaker(camera, noise)
+        self._config = config
+        self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, qr_parameters())
+        self._active = gtsam.Values()
+        self._states = States()
+        self._first_active = self._solved = 0
+        self._cluster_ends: deque[float] = deque(maxlen=config.window)
+        self._pending = Measurements.concatenate([])
+        self._knots = CovarianceKnots()
+        # Callbacks are faster for factors that Python keeps alive.
+        self._factors: deque[list[gtsam.NonlinearFactor]] = deque(maxlen=2 * config.window)
+
+    def update(
+        self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
+    ) -> None:
+        """Take the inlier measurements that cluster number `frame`, which ended at `stop`, added.
+
+        Without any, the prior carries the estimate on to `stop`.
+        """
+        self._cluster_ends.append(stop)
+        increment = _Increment()
+        if len(self._states) == 0:
+            if len(measurements) == 0:
+                return
+            self._start(increment, measurements.t.min(), fit)
+        usable = self._usable(measurements)
+        self._extend_states(increment, measurements.t, stop, fit)
+        self._measure(increment, usable)
+        self._solve(increment)
+
+    def trajectory(self, start_ns: int) -> Trajectory | None:
+        """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
+        if len(self._states) == 0:
+            return None
+        knots = self._knots_before(np.inf)
+        return Trajectory.of_states(self._states, knots, self._make.noise, start_ns)
+
+    def _start(self, increment: _Increment, t: float, fit: VelocityFit | None) -> None:
+        """The first state, whose pose defines the world."""
+        self._states = start_states(t, fit, self._make.noise)
+        pose, twist = self._states.T_world_cam[0], self._states.twist[0]
+        deviations = np.repeat([FIXED, self._make.noise.initial_velocity], 6)
+        increment.add_state(0, t, pose, twist)
+        increment.add_factors(self._make.anchor(0, pose, twist, np.diag(deviations**2)))
+
+    def _usable(self, measurements: Measurements) -> Measurements:
+        """Measurements within the window, of landmarks that are known or measured twice."""
+        known = Measurements.concatenate([self._pending, measurements])
+        known = known[known.t >= self._states.t[self._first_active]]
+        ready = np.isin(known.landmark, seen_twice(known).landmark)
+        ready |= np.array(
+            [self._active.exists(L(index)) for index in known.landmark.tolist()], bool
+        )
+        self._pending = known[~ready]
+        return known[ready]
+
+    def _extend_states(
+        self, increment: _Increment, measured: Array, stop: float, fit: VelocityFit | None
+    ) -> None:
+        """States at the measured times, or at the cluster's end if there are no new ones."""
+        last = len(self._states) - 1
+        t_last = self._states.t[last]
+        t = state_times(measured, self._config.state_interval, t_last)
+        if len(t) == 0:
+            t = state_times(np.array([stop]), 0.0, t_last)
+        if len(t) == 0:
+            return
+        ahead = velocity_ahead(self._states, t[-1], fit, self._make.noise)
+        new = self._states.at(t, ahead)
+        for number, state in enumerate(zip(new.t, new.T_world_cam, new.twist, strict=True)):
+            increment.add_state(last + 1 + number, *state)
+        self._states.replace_from(new)
+        numbers = range(last, len(self._states))
+        increment.add_factors(self._make.motion(numbers, self._states.t[last:]))
+
+    def _measure(self, increment: _Increment, measurements: Measurements) -> None:
+        """Reprojection factors, new landmarks, and the lag of all that are seen from now on."""
+        T_world_cam, _ = self._states.query(measurements.t)
+        for landmark, point in landmark_points(measurements, T_world_cam, self._make.camera):
+            increment.stamps[L(landmark)] = self._states.t[-1]
+            if not self._active.exists(L(landmark)):
+                increment.values.insert(L(landmark), point)
+        active = range(self._first_active, len(self._states))
+        t = self._states.t[self._first_active :]
+        increment.add_factors(self._make.reprojection(active, t, measurements))
+
+    def _solve(self, increment: _Increment) -> None:
+        """Update the smoother, and take over its estimate of the states in the window."""
+        self._factors.append(increment.factors)
+        lag = self._states.t[-1] - self._cluster_ends[0] + SAME_TIME
+        if len(self._cluster_ends) == self._config.window and lag > 0:
+            self._knots = self._knots_before(self._cluster_ends[0])
+            self._smoother.setSmootherLag(lag)
+        self._smoother.update(increment.graph, increment.values, increment.stamps)
+        self._active = self._smoother.calculateEstimate()
+        while not self._active.exists(X(self._first_active)):
+            self._first_active += 1
+        self._solved = len(self._states)
+        active = range(self._first_active, self._solved)
+        newest = States(
+            self._states.t[self._first_active :],
+            np.array([self._active.atPose3(X(k)).matrix() for k in active]),
+            np.array([self._active.atVector(V(k)) for k in active]),
+        )
+        self._states.replace_from(newest)
+
+    def _knots_before(self, stop: float) -> CovarianceKnots:
+        """Knots so far, and the next as long as the one before them is older than `stop`."""
+        t = self._states.t
+        start = self._knots.t[-1] if len(self._knots.t) else t[0]
+        active = t[self._first_active : self._solved]
+        times = state_times(active[active > start], self._config.covariance_interval, start)
+        times = np.concatenate([[start], times])
+        leaving = int(np.sum(times[:-1] < stop))
+        if leaving == 0:
+            return self._knots
+        times = times[: leaving + 1]
+        solved, numbers = self._smoother.getISAM2(), np.searchsorted(t, times).tolist()
+        joint = [joint_covariance(solved, i, j) for i, j in pairwise(numbers)]
+        return self._knots.and_next(times, np.array(joint))

@@ -1,0 +1,209 @@
+"""The window of a fixed-lag smoother: extended by a cluster, solved, marginalized.
+
+Windows are values: each step returns a new one, so that a step that fails has changed nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from factors import StereoCamera
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.factor_graph import SAME_TIME, seen_twice
+from gpvo.gaussian import IndeterminateError
+from gpvo.landmarks import Landmarks
+from gpvo.marginal_prior import MarginalPrior, landmark_columns
+from gpvo.repairs import Repair, repairs_of
+from gpvo.robust import RobustLoss
+from gpvo.states import States
+from gpvo.tracklets import Measurements
+from gpvo.window_cost import Variables, WindowCost
+from gpvo.window_optimizer import Optimum, minimize
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What measures, how well, and how that is estimated from."""
+
+    camera: StereoCamera
+    noise: NoiseConfig
+    config: EstimatorConfig
+
+
+@dataclass(frozen=True, eq=False)
+class LagWindow:
+    """States in the window and what is known of them.
+
+    Attributes
+    ----------
+    sensor
+        Camera, noise and configuration.
+    states
+        From the first that is not final to the newest.
+    landmarks
+        Those that are estimated.
+    measurements
+        Between the states, in order of time; those of a landmark that is not estimated wait for a
+        second one.
+    prior
+        What earlier measurements told.
+    """
+
+    sensor: Sensor
+    states: States
+    landmarks: Landmarks
+    measurements: Measurements
+    prior: MarginalPrior
+
+    @staticmethod
+    def of_state(sensor: Sensor, state: States, covariance: Array) -> LagWindow:
+        """A window of one state, of which a covariance (12, 12) is known."""
+        prior = MarginalPrior.of_state(state.T_world_cam[0], state.twist[0], covariance)
+        return LagWindow(sensor, state, Landmarks(), Measurements.concatenate([]), prior)
+
+    def extended(self, t: Array, twist_ahead: Array) -> LagWindow:
+        """With further states at times t (K,), on from the last one at a body twist (6,)."""
+        ahead = self.states.at(t, twist_ahead)
+        return replace(self, states=States.concatenate([self.states, ahead]))
+
+    def measured(self, new: Measurements) -> tuple[LagWindow, list[Repair]]:
+        """With new measurements, but those before the window and those beyond the gate."""
+        repairs: list[Repair] = []
+        new = new[(new.t >= self.states.t[0]) & (new.t <= self.states.t[-1])]
+        if self.sensor.config.gate > 0:
+            inside = self._inside_gate(new)
+            repairs = repairs_of(new[~inside], "beyond the gate: measurement left out")
+            new = new[inside]
+        known = Measurements.concatenate([self.measurements, new])
+        known = known[np.argsort(known.t, kind="stable")]
+        fresh = seen_twice(known)
+        fresh = fresh[~np.isin(fresh.landmark, self.landmarks.number)]
+        T_world_cam, _ = self.states.query(fresh.t)
+        added = Landmarks.measured(fresh, T_world_cam, self.sensor.camera)
+        landmarks = self.landmarks.and_others(added)
+        return replace(self, landmarks=landmarks, measurements=known), repairs
+
+    def solved(self) -> tuple[LagWindow, Optimum, list[Repair]]:
+        """At its optimum, without the landmarks that have none.
+
+        Raises
+        ------
+        IndeterminateError
+            If the states are not determined.
+        """
+        window, repairs = self, list[Repair]()
+        while True:
+            variables = Variables(window.states, window.landmarks)
+            try:
+                optimum = minimize(window._cost(), variables, self.sensor.config)
+                lost = optimum.cost.hidden(optimum.variables)
+            except IndeterminateError as error:
+                if error.column < variables.first_landmark:
+                    raise
+                index = (error.column - variables.first_landmark) // 3
+                lost = variables.landmarks.number[index : index + 1]
+            if len(lost) == 0:
+                found = optimum.variables
+                return (
+                    replace(window, states=found.states, landmarks=found.landmarks),
+                    optimum,
+                    repairs,
+                )
+            dropped = window.measurements[np.isin(window.measurements.landmark, lost)]
+            repairs += repairs_of(dropped, "indeterminate: landmark left out")
+            window = window.without(lost)
+
+    def without(self, numbers: Index) -> LagWindow:
+        """Without landmarks of these numbers and all that was measured of them."""
+        return replace(
+            self,
+            landmarks=self.landmarks[~np.isin(self.landmarks.number, numbers)],
+            measurements=self.measurements[~np.isin(self.measurements.landmark, numbers)],
+            prior=self.prior.without(numbers),
+        )
+
+    def marginalized(self, count: int, optimum: Optimum) -> LagWindow:
+        """Without its first states and with what their measurements told in the prior.
+
+        The optimum is the one that the window was solved to.
+        """
+        if count == 0:
+            return self
+        start, measurements = self.states.t[count], self.measurements
+        leaving = measurements.t < start
+        told = self._usable(measurements[leaving])
+        stays = np.isin(self.landmarks.number, measurements.landmark[~leaving])
+        concerned = np.isin(self.landmarks.number, told.landmark)
+        concerned |= np.isin(self.landmarks.number, self.prior.landmarks.number)
+        here = optimum.linearized
+        part = Variables(here.states[: count + 1], here.landmarks[concerned])
+        kept = np.flatnonzero(stays[concerned])
+        columns = [12 * count + np.arange(12), landmark_columns(kept, part.first_landmark)]
+        quadratic = replace(optimum.cost, measurements=told).quadratic(part)
+        prior = MarginalPrior(
+            part.states.T_world_cam[-1],
+            part.states.twist[-1],
+            part.landmarks[kept],
+            quadratic.marginal(np.concatenate(columns)),
+        )
+        return LagWindow(
+            self.sensor,
+            self.states[count:],
+            self.landmarks[stays],
+            measurements[~leaving],
+            prior,
+        )
+
+    def _cost(self) -> WindowCost:
+        config = self.sensor.config
+        loss = RobustLoss(config.loss, config.loss_scale)
+        usable = self._usable(self.measurements)
+        return WindowCost(self.sensor.camera, self.sensor.noise, loss, self.prior, usable)
+
+    def _usable(self, measurements: Measurements) -> Measurements:
+        return measurements[np.isin(measurements.landmark, self.landmarks.number)]
+
+    def _inside_gate(self, new: Measurements) -> NDArray[np.bool_]:
+        """Which measurements (N,) lie where the window predicts them; unknown landmarks do."""
+        inside = np.ones(len(new), bool)
+        known = np.flatnonzero(np.isin(new.landmark, self.landmarks.number))
+        if len(known) == 0:
+            return inside
+        variables = Variables(self.states, self.landmarks)
+        predicted = replace(self._cost(), measurements=new[known])
+        rows, columns = predicted.stereo(variables, True), predicted.columns(variables)
+        combinations = np.zeros((variables.first_landmark + 3 * len(self.landmarks), len(known), 3))
+        n = np.arange(len(known))[:, None, None]
+        combinations[columns[:, :, None], n, np.arange(3)] = rows[..., :-1].transpose(0, 2, 1)
+        root = self._cost().quadratic(variables).root(combinations.reshape(len(combinations), -1))
+        root = root.reshape(-1, len(known), 3)
+        spread = np.eye(3) + np.einsum("dni,dnj->nij", root, root)
+        error = rows[..., -1:]
+        distance = np.einsum("nij,nij->n", error, np.linalg.solve(spread, error))
+        inside[known] = distance <= chi2.ppf(self.sensor.config.gate, 3)
+        return inside
+
+
+def new_times(last: float, measured: Array, stop: float, interval: float) -> Array:
+    """Times of states after the last one up to `stop`, an interval or less apart.
+
+    There is none in a gap before the first measurement, but at its end.
+    """
+    if stop - last <= SAME_TIME:
+        return np.empty(0)
+    later = measured[measured > last]
+    start = min(later.min() - SAME_TIME if len(later) else stop, stop)
+    times = [last]
+    if start - last > interval:
+        times.append(start)
+    if stop - times[-1] > SAME_TIME:
+        count = int(np.ceil((stop - times[-1]) / interval - 1e-6))
+        times += np.linspace(times[-1], stop, max(count, 1) + 1)[1:].tolist()
+    return np.array(times[1:])

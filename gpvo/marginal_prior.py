@@ -1,0 +1,79 @@
+"""What clusters that have left the window told: a Gaussian of its first state and landmarks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.lie import se3_inverse, se3_log
+from gpvo.gaussian import Quadratic
+from gpvo.landmarks import Landmarks
+from gpvo.states import States
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class MarginalPrior:
+    """A quadratic cost of how far the first state and some landmarks are from where they were.
+
+    Attributes
+    ----------
+    T_world_cam, twist
+        (4, 4) pose and (6,) body twist of the state that it was linearized at.
+    landmarks
+        The L landmarks as they were.
+    quadratic
+        Of 12 + 3 L variables: pose, perturbed on the right, twist, and coordinates.
+    """
+
+    T_world_cam: Array
+    twist: Array
+    landmarks: Landmarks
+    quadratic: Quadratic
+
+    @staticmethod
+    def of_state(T_world_cam: Array, twist: Array, covariance: Array) -> MarginalPrior:
+        """A state alone, with the covariance (12, 12) of its pose and twist."""
+        information = np.linalg.inv(covariance)
+        quadratic = Quadratic(0.5 * (information + information.T), np.zeros(12))
+        return MarginalPrior(T_world_cam, twist, Landmarks(), quadratic)
+
+    def deviation(self, states: States, landmarks: Landmarks) -> Array:
+        """(12 + 3 L,) difference from where the prior was linearized."""
+        here = landmarks.coordinates[landmarks.index(self.landmarks.number)]
+        return np.concatenate(
+            [
+                se3_log(se3_inverse(self.T_world_cam) @ states.T_world_cam[0]),
+                states.twist[0] - self.twist,
+                (here - self.landmarks.coordinates).ravel(),
+            ]
+        )
+
+    def imposed(self, states: States, landmarks: Landmarks) -> tuple[States, Landmarks]:
+        """All variables, but those of the prior where it was linearized."""
+        T, twist = states.T_world_cam.copy(), states.twist.copy()
+        T[0], twist[0] = self.T_world_cam, self.twist
+        coordinates = landmarks.coordinates.copy()
+        coordinates[landmarks.index(self.landmarks.number)] = self.landmarks.coordinates
+        return States(states.t, T, twist), replace(landmarks, coordinates=coordinates)
+
+    def columns(self, landmarks: Landmarks, first: int) -> Index:
+        """(12 + 3 L,) columns of its variables, if those of all landmarks begin at `first`."""
+        index = landmarks.index(self.landmarks.number)
+        return np.concatenate([np.arange(12), landmark_columns(index, first)])
+
+    def without(self, number: Index) -> MarginalPrior:
+        """The same belief, but not about landmarks of these numbers."""
+        stay = np.flatnonzero(~np.isin(self.landmarks.number, number))
+        kept = np.concatenate([np.arange(12), landmark_columns(stay, 12)])
+        marginal = self.quadratic.marginal(kept)
+        return replace(self, landmarks=self.landmarks[stay], quadratic=marginal)
+
+
+def landmark_columns(index: Index, first: int) -> Index:
+    """(3 N,) columns of the landmarks with these indices (N,), the first one's at `first`."""
+    return (first + 3 * index[:, None] + np.arange(3)).ravel()

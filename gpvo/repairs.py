@@ -1,0 +1,68 @@
+"""What an estimator had to leave out or rebuild in order to go on."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from gpvo.tracklets import Measurements
+
+
+@dataclass(frozen=True)
+class Repair:
+    """One thing that was dropped or rebuilt.
+
+    Attributes
+    ----------
+    key
+        The variable: l and the landmark's number, or x and the state's.
+    t
+        Its time: of the measurement, or of the state; seconds.
+    measurement
+        (u_left, v, disparity) in rectified pixels; None for a state.
+    reason
+        What was wrong, and what was done.
+    """
+
+    key: str
+    t: float
+    measurement: tuple[float, float, float] | None
+    reason: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields by name, for JSON."""
+        return asdict(self)
+
+
+def repairs_of(measurements: Measurements, reason: str) -> list[Repair]:
+    """A repair for each measurement that is left out."""
+    return [
+        Repair(f"l{landmark}", t, (stereo[0], stereo[1], stereo[2]), reason)
+        for landmark, t, stereo in zip(
+            measurements.landmark.tolist(),
+            measurements.t.tolist(),
+            measurements.stereo.tolist(),
+            strict=True,
+        )
+    ]
+
+
+def split_possible(measurements: Measurements, latest: float) -> tuple[Measurements, list[Repair]]:
+    """The measurements that can be true, and a repair for each other one.
+
+    All numbers must be finite, the disparity positive, and no time beyond `latest`, seconds.
+    """
+    stereo, t = measurements.stereo, measurements.t
+    reasons = {
+        "not a finite number": ~np.isfinite(stereo).all(axis=1) | ~np.isfinite(t),
+        "disparity is not positive": ~(stereo[:, 2] > 0),
+        "time lies beyond the cluster's end": t > latest,
+    }
+    possible = np.ones(len(t), bool)
+    repairs: list[Repair] = []
+    for reason, wrong in reasons.items():
+        repairs += repairs_of(measurements[wrong & possible], f"{reason}: measurement left out")
+        possible &= ~wrong
+    return measurements[possible], repairs
