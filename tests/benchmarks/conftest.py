@@ -34,3 +34,12 @@ def config_file(tmp_path: Path) -> Path:
         "estimator: {method: batch, state_interval: 0.01}\n"
     )
     return path
+
+
+@pytest.fixture
+def shared_reference() -> Path:
+    """Folder of reference trajectories, which is not part of the project."""
+    folder = REPOSITORY.parent / "shared" / "reference"
+    if not folder.is_dir():
+        pytest.skip("the folder ../shared with reference trajectories is not there")
+    return folder

@@ -1,0 +1,186 @@
+"""Accuracy and speed on simulated recordings, several seeds of each kind.
+
+python -m benchmarks.simulated [--cases NAME ...] [--seeds N] [--jobs N] [--scheduler ADDRESS]
+    [--output DIR] [--against SUMMARY]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from benchmarks.dataset import configuration_of, exit_with, machine_text
+from benchmarks.run import run_odometry
+from benchmarks.simulated_cases import Case, all_cases
+from benchmarks.simulated_summary import (
+    CaseResult,
+    comparison_table,
+    read_summary,
+    summary_table,
+    write_summary,
+)
+from gpvo.config import Configuration
+from gpvo.errors import InputError
+from gpvo.evaluation import evaluate
+from gpvo.evaluation.cost import machine
+from gpvo.evaluation.table_formats import to_markdown, to_rich
+from gpvo.evaluation.tables import ResultTable
+
+STEP = 0.01
+"""Seconds between the poses that are compared."""
+
+SHORTEST_PATH = 0.1
+"""Metres; percentages of shorter paths mean nothing."""
+
+
+def run_case(case: Case, seed: int, configuration: Configuration) -> CaseResult:
+    """Simulate, estimate and compare one recording; the same input gives the same errors."""
+    recording = case.recording(seed)
+    configuration = configuration.model_copy(update={"seed": seed})
+    try:
+        run = run_odometry(recording, configuration)
+        evaluation = evaluate(run.poses, recording.ground_truth, step=STEP)
+    except InputError as error:
+        return CaseResult(case.name, seed, failure=str(error))
+    translation = evaluation.global_error.statistics("translation")
+    moved = evaluation.path_length > SHORTEST_PATH
+    return CaseResult(
+        case.name,
+        seed,
+        translation.final_percent if moved else np.nan,
+        translation.rms,
+        float(np.degrees(evaluation.global_error.statistics("rotation").rms)),
+        evaluation.relative_error.statistics("se3").rms,
+        evaluation.coverage,
+        run.cost.real_time_factor,
+    )
+
+
+@contextmanager
+def workers(jobs: int, scheduler: str | None) -> Iterator[Executor]:
+    """Processes of this machine, or the workers of a Dask cluster.
+
+    Raises
+    ------
+    InputError
+        If the cluster cannot be reached.
+    """
+    if scheduler is None:
+        with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+            yield pool
+        return
+    with dask_client(scheduler) as client, client.get_executor() as executor:
+        yield executor
+
+
+def dask_client(scheduler: str) -> AbstractContextManager:
+    """Client of a Dask scheduler."""
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError('--scheduler needs Dask: pip install "gpvo[distributed]"') from error
+    try:
+        return Client(scheduler, timeout=10)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise InputError(f"--scheduler {scheduler}: cannot be reached ({error})") from error
+
+
+def run_suite(
+    cases: Sequence[Case],
+    seeds: Sequence[int],
+    configuration: Configuration,
+    executor: Executor,
+    console: Console,
+) -> list[CaseResult]:
+    """Run every case with every seed; results in that order, whoever is done first."""
+    futures = [
+        executor.submit(run_case, case, seed, configuration) for case in cases for seed in seeds
+    ]
+    results = []
+    for future in futures:
+        result = future.result()
+        results.append(result)
+        outcome = result.failure or f"{1e3 * result.rms_m:.1f} mm RMS, {result.rms_deg:.2f}°"
+        console.print(
+            f"{result.case}, seed {result.seed}: {outcome}", highlight=False, markup=False
+        )
+    return results
+
+
+def arguments() -> argparse.ArgumentParser:
+    """The options."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--cases", nargs="+", metavar="NAME", help="some of the suite")
+    parser.add_argument("--seeds", type=int, default=3, help="runs of each case")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes at once")
+    parser.add_argument("--scheduler", help="address of a Dask scheduler, to run there")
+    parser.add_argument("--config", type=Path, help="configuration (YAML), see `gpvo config`")
+    parser.add_argument("--output", type=Path, help="folder for summary.json, table and plot")
+    parser.add_argument("--against", type=Path, help="summary.json of an earlier run")
+    parser.set_defaults(seed=None)
+    return parser
+
+
+def chosen(suite: Sequence[Case], names: Sequence[str] | None) -> list[Case]:
+    """The named cases, or all."""
+    known = {case.name: case for case in suite}
+    unknown = [name for name in names or () if name not in known]
+    if unknown:
+        raise InputError(f"--cases {unknown[0]}: known are {', '.join(known)}")
+    return [known[name] for name in names or known]
+
+
+def main(
+    arguments_given: Sequence[str] | None = None,
+    console: Console | None = None,
+    suite: Sequence[Case] | None = None,
+) -> list[CaseResult]:
+    """Parse the options, run the suite, print and write."""
+    options, console = arguments().parse_args(arguments_given), console or Console()
+    if options.seeds < 1 or options.jobs < 1:
+        raise InputError("--seeds and --jobs: give 1 or more")
+    cases = chosen(all_cases() if suite is None else suite, options.cases)
+    earlier = read_summary(options.against) if options.against else []
+    configuration = configuration_of(options)
+    with workers(options.jobs, options.scheduler) as executor:
+        results = run_suite(cases, range(options.seeds), configuration, executor, console)
+    tables = [summary_table(results)]
+    if earlier:
+        tables.append(comparison_table(results, earlier))
+    for table in tables:
+        console.print(to_rich(table))
+    console.print(machine_text(), style="dim", highlight=False)
+    if options.output is not None:
+        facts = {"machine": machine(), "configuration": configuration.model_dump(mode="json")}
+        write(options.output, results, earlier, tables, facts)
+    return results
+
+
+def write(
+    folder: Path,
+    results: Sequence[CaseResult],
+    earlier: Sequence[CaseResult],
+    tables: Sequence[ResultTable],
+    facts: Mapping[str, Any],
+) -> None:
+    """Write summary.json, tables.md and simulated.png."""
+    from benchmarks.simulated_plot import suite_figure  # matplotlib is slow to import
+    from gpvo.evaluation.plots import save_figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write_summary(folder / "summary.json", results, facts)
+    (folder / "tables.md").write_text("\n".join(map(to_markdown, tables)), encoding="utf-8")
+    save_figure(suite_figure(results, earlier), folder / "simulated.png")
+
+
+if __name__ == "__main__":
+    exit_with(main)

@@ -1,0 +1,83 @@
+"""The fixed suite of simulated recordings: what each of them makes hard."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gpvo.evaluation.loading import load_poses
+from gpvo.poses import StampedPoses
+from gpvo.simulation.motion import Motion
+from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
+
+REFERENCE = Path(__file__).resolve().parents[2] / "shared" / "reference"
+"""Where real ground truth stands beside the repository, if at all."""
+
+FLIGHTS = {
+    "real_flight1": ("mvsec_indoor_flying1", 12.0),
+    "real_flight3": ("mvsec_indoor_flying3", 14.0),
+}
+"""Folder of the ground truth and the second that the case starts at."""
+
+FLIGHT_STEP = 0.1
+"""Seconds between the poses that a real flight is splined through."""
+
+AHEAD = np.array(
+    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
+"""T_world_first of a first camera that is level, in a world with z up."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A kind of recording; the seed of the config is that of the run."""
+
+    name: str
+    config: SimulationConfig
+    flight: StampedPoses | None = None
+
+    def recording(self, seed: int) -> SimulatedRecording:
+        """The recording of one seed; a real flight stays, room and sensor noise change."""
+        config = self.config.model_copy(update={"seed": seed})
+        motion = None if self.flight is None else Motion.through(self.flight)
+        return simulate(config, motion=motion)
+
+
+def _case(name: str, **changes: object) -> Case:
+    return Case(name, SimulationConfig.model_validate(changes))
+
+
+CASES = (
+    _case("slow"),
+    _case("fast", motion="fast"),
+    _case("rotation", motion="rotation"),
+    _case("back_and_forth", motion="back_and_forth"),
+    # Twice the threshold is half the contrast: events depend on their ratio alone.
+    _case("low_texture", threshold=0.5, boxes=0),
+    _case("high_noise", noise_rate=5.0),
+    _case(
+        "low_light", threshold=0.4, threshold_sigma=0.08, noise_rate=2.0, refractory_period=0.005
+    ),
+    _case("corridor", motion="corridor", duration=6.0),
+)
+
+
+def all_cases(reference: Path = REFERENCE) -> tuple[Case, ...]:
+    """The suite, with real flights where their ground truth is present."""
+    flights = (
+        Case(name, SimulationConfig(), real_flight(reference / folder, start))
+        for name, (folder, start) in FLIGHTS.items()
+        if (reference / folder).is_dir()
+    )
+    return (*CASES, *flights)
+
+
+def real_flight(folder: Path, start: float) -> StampedPoses:
+    """A piece of a real flight, from a level first camera at the world's origin."""
+    truth = load_poses(folder / "stamped_groundtruth.txt")
+    duration = SimulationConfig().duration
+    seconds = np.arange(start, start + duration + 2.5 * FLIGHT_STEP, FLIGHT_STEP)
+    piece = truth.interpolate(truth.stamps_ns[0] + np.round(seconds * 1e9).astype(np.int64))
+    return piece.in_world(AHEAD @ np.linalg.inv(piece.T_world_cam[0]))

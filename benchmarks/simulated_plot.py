@@ -1,0 +1,51 @@
+"""The suite's results as a plot: every seed a point, every mean a line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from benchmarks.simulated_summary import METRICS, CaseResult, Metric, names, values
+from gpvo.evaluation.plots import colours, new_figure, shared_legend
+
+SHOWN = ("rms_m", "rms_deg", "relative", "real_time")
+
+
+def suite_figure(results: Sequence[CaseResult], earlier: Sequence[CaseResult] = ()) -> Figure:
+    """Errors and speed by case, beside an earlier run's if given."""
+    cases = names(results)
+    metrics = [metric for metric in METRICS if metric.field in SHOWN]
+    figure = new_figure(1.5 + 0.9 * len(cases), 2.0 * len(metrics))
+    rows = figure.subplots(len(metrics), 1, sharex=True, squeeze=False)[:, 0]
+    runs = [("now", results)] + ([("earlier", earlier)] if earlier else [])
+    for axes, metric in zip(rows, metrics, strict=True):
+        for number, ((label, run), colour) in enumerate(zip(runs, colours(2), strict=False)):
+            _draw(axes, run, cases, metric, 0.2 * (number - 0.5 * (len(runs) - 1)), label, colour)
+        axes.set_ylabel(metric.heading.replace(" [", "\n["))
+        axes.set_ylim(bottom=0.0)
+        axes.grid(alpha=0.3, linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+    rows[-1].set_xticks(range(len(cases)), [case.replace("_", "\n") for case in cases])
+    shared_legend(figure, rows[0])
+    return figure
+
+
+def _draw(
+    axes: Axes,
+    results: Sequence[CaseResult],
+    cases: Sequence[str],
+    metric: Metric,
+    shift: float,
+    label: str,
+    colour: str,
+) -> None:
+    for number, case in enumerate(cases):
+        numbers = metric.scale * np.array(list(values(results, case, metric).values()))
+        if len(numbers) == 0:
+            continue
+        at = number + shift
+        axes.plot(np.full(len(numbers), at), numbers, "o", color=colour, markersize=4, label=label)
+        axes.plot([at - 0.1, at + 0.1], [numbers.mean()] * 2, color=colour, linewidth=2.0)

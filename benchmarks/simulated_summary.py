@@ -1,0 +1,165 @@
+"""Results of many runs: mean and spread, as a file that later runs are compared with."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gpvo.errors import InputError
+from gpvo.evaluation.tables import Cell, ResultTable
+
+RELEVANT = 0.05
+"""Smallest relative change of a mean that is called better or worse."""
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """One run of one case; nan where nothing was estimated or the number means nothing.
+
+    Attributes
+    ----------
+    case, seed
+        What was run.
+    final_percent
+        Final translation error as a percentage of the path.
+    rms_m, rms_deg
+        Global translation (metres) and rotation (degrees) error.
+    relative
+        RMS SE(3) error of steps of 0.01 s.
+    covered
+        Part of the recording that has a trajectory, 0 to 1.
+    real_time
+        Seconds of the recording processed in a second.
+    failure
+        Why there is no trajectory; empty if there is one.
+    """
+
+    case: str
+    seed: int
+    final_percent: float = np.nan
+    rms_m: float = np.nan
+    rms_deg: float = np.nan
+    relative: float = np.nan
+    covered: float = 0.0
+    real_time: float = np.nan
+    failure: str = ""
+
+    def line(self) -> str:
+        """The result in one line."""
+        errors = f"{1e3 * self.rms_m:.1f} mm and {self.rms_deg:.2f}° RMS"
+        speed = f"{self.real_time:.2f} x real time"
+        return f"{self.case}, seed {self.seed}: {self.failure or f'{errors}, {speed}'}"
+
+
+class Metric(NamedTuple):
+    """A column: the field of `CaseResult`, heading, factor and decimals, which way is better."""
+
+    field: str
+    heading: str
+    scale: float
+    decimals: int
+    more_is_better: bool = False
+
+
+METRICS = (
+    Metric("final_percent", "final [% of path]", 1.0, 2),
+    Metric("rms_m", "global RMS [mm]", 1e3, 1),
+    Metric("rms_deg", "global RMS [°]", 1.0, 2),
+    Metric("relative", "relative SE(3) RMS [1e-3]", 1e3, 2),
+    Metric("covered", "covered [%]", 100.0, 1, more_is_better=True),
+    Metric("real_time", "x real time", 1.0, 2, more_is_better=True),
+)
+
+
+def values(results: Sequence[CaseResult], case: str, metric: Metric) -> dict[int, float]:
+    """Finite numbers of a case by seed."""
+    pairs = ((one.seed, getattr(one, metric.field)) for one in results if one.case == case)
+    return {seed: value for seed, value in pairs if np.isfinite(value)}
+
+
+def names(results: Sequence[CaseResult]) -> list[str]:
+    """The cases, each once, in order."""
+    return list(dict.fromkeys(one.case for one in results))
+
+
+def summary_table(results: Sequence[CaseResult]) -> ResultTable:
+    """Mean and standard deviation over the seeds, one row per case."""
+    seeds = len({one.seed for one in results})
+    rows = [
+        (Cell(case), *(Cell(spread_text(values(results, case, one), one)) for one in METRICS))
+        for case in names(results)
+    ]
+    headings = ("case", *(metric.heading for metric in METRICS))
+    return ResultTable(
+        f"Simulated recordings: mean ± spread over {seeds} seeds", headings, (*rows,)
+    )
+
+
+def spread_text(by_seed: Mapping[int, float], metric: Metric) -> str:
+    """Mean ± standard deviation."""
+    if not by_seed:
+        return "–"
+    numbers = metric.scale * np.array(list(by_seed.values()))
+    return f"{numbers.mean():.{metric.decimals}f} ± {numbers.std():.{metric.decimals}f}"
+
+
+def comparison_table(results: Sequence[CaseResult], earlier: Sequence[CaseResult]) -> ResultTable:
+    """What became better or worse, on the seeds that both ran."""
+    rows = []
+    for case in names(results):
+        pairs = ((values(results, case, one), values(earlier, case, one), one) for one in METRICS)
+        rows.append((Cell(case), *(Cell(change_text(*pair)) for pair in pairs)))
+    headings = ("case", *(metric.heading for metric in METRICS))
+    return ResultTable("Compared with the earlier summary", headings, tuple(rows))
+
+
+def change_text(now: Mapping[int, float], then: Mapping[int, float], metric: Metric) -> str:
+    """Relative change of the mean and a verdict; only where every seed agrees is it one."""
+    common = sorted(now.keys() & then.keys())
+    if not common:
+        return "lost" if then else ("new" if now else "–")
+    change = np.array([now[seed] - then[seed] for seed in common])
+    before = np.mean([then[seed] for seed in common])
+    if before == 0.0:
+        return "same" if not change.any() else f"{metric.scale * change.mean():+.3g}"
+    relative = float(change.mean() / before)
+    agreed = (change > 0.0).all() or (change < 0.0).all()
+    if abs(relative) < RELEVANT or not agreed:
+        return f"{100.0 * relative:+.0f} %"
+    better = (relative > 0.0) == metric.more_is_better
+    return f"{100.0 * relative:+.0f} % {'better' if better else 'worse'}"
+
+
+def write_summary(path: Path, results: Sequence[CaseResult], facts: Mapping[str, Any]) -> None:
+    """Write all results and what they were made with (machine, configuration)."""
+    rows = [{name: _plain(value) for name, value in asdict(result).items()} for result in results]
+    text = json.dumps({**facts, "results": rows}, indent=2)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def _plain(value: object) -> object:
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def read_summary(path: Path) -> list[CaseResult]:
+    """Results of an earlier summary.
+
+    Raises
+    ------
+    InputError
+        If the file is not a summary.
+    """
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))["results"]
+        return [CaseResult(**{key: _number(value) for key, value in row.items()}) for row in rows]
+    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: is no summary of benchmarks.simulated ({error})") from error
+
+
+def _number(value: Any) -> Any:
+    return np.nan if value is None else value
