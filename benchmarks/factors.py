@@ -1,15 +1,18 @@
 """Speed of the factors, as ratios to GTSAM's native ones from one interleaved run.
 
-Run as ``python -m benchmarks.factors``. Each time is the fastest of many rounds in which all
-contestants take turns, so that other load on the machine meets them alike.
+Run as ``python -m benchmarks.factors``, with a file name for a plot of the cost per state. Each
+time is the fastest of many rounds in which all contestants take turns, so that other load on the
+machine meets them alike.
 """
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 
 import gtsam
 import numpy as np
@@ -424,14 +427,32 @@ def cost_per_state(table: Table) -> None:
         )
 
 
-def main() -> None:
-    """Print all ratios."""
+def plot_growth(path: Path) -> None:
+    """Milliseconds of a Gauss-Newton step for each state, over the number of states."""
+    from matplotlib import pyplot
+
+    counts = [100, 200, 500, 1000, 2000, 5000]
+    figure, axes = pyplot.subplots()
+    for name, factors in (("native", native_factors), ("ours", our_factors)):
+        problems = {str(n): standard_problem(n) for n in counts}
+        calls = {n: iteration(factors(p), p.start) for n, p in problems.items()}
+        seconds = fastest(calls, rounds=3, each=1)
+        axes.semilogx(counts, [1e3 * seconds[str(n)] / n for n in counts], "o-", label=name)
+    axes.set(xlabel="states", ylabel="ms per state and Gauss-Newton step", ylim=(0, None))
+    axes.legend()
+    figure.savefig(path)
+
+
+def main(plot: Path | None = None) -> None:
+    """Print all ratios; with a path also save the plot of the cost per state."""
     table = Table("measured", "here", "wanted")
     for section in (single_factors, growth, gauss_newton, first_order, cost_per_state):
         section(table)
         table.add_section()
     Console().print(table)
+    if plot:
+        plot_growth(plot)
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)

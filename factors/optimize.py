@@ -7,6 +7,8 @@ solved by QR: GTSAM 4.3's Cholesky refuses well-posed chains of states that are 
 
 from __future__ import annotations
 
+import math
+
 import gtsam
 
 
@@ -32,19 +34,24 @@ def optimize(
     Raises
     ------
     ValueError
-        If an iteration makes the error infinite or not a number.
+        If the error is infinite or not a number, at the start or after a step.
     RuntimeError
         From GTSAM, naming the variable, if the measurements do not determine it.
     """
     ordering = gtsam.Ordering.ColamdNonlinearFactorGraph(graph)
-    error = graph.error(values)
+    error = _finite(graph.error(values))
     for _ in range(max_iterations):
         linear = graph.linearize(values)
         step = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR).optimize()
         values = values.retract(step)
-        before, error = error, graph.error(values)
-        if not error < float("inf"):
-            raise ValueError("values are too far from the optimum: Gauss-Newton diverged")
+        before, error = error, _finite(graph.error(values))
         if abs(before - error) <= tolerance * max(1.0, before):
             break
     return values
+
+
+def _finite(error: float) -> float:
+    """The error itself, or ValueError if no step can come of it."""
+    if not math.isfinite(error):
+        raise ValueError("values have no finite error: too far from the optimum to start, or lost")
+    return error
