@@ -1,4 +1,4 @@
-"""The command line: `gpvo run`, `gpvo demo`, `gpvo eval`, `gpvo config`."""
+"""The command line: `gpvo run`, `gpvo demo`, `gpvo eval`, `gpvo config`, `gpvo inspect`."""
 
 from __future__ import annotations
 
@@ -125,6 +125,34 @@ def evaluate(
 def print_configuration() -> None:
     """Print the default configuration with a description of every field."""
     print(configuration_text(Configuration(), described=True), end="")
+
+
+@app.command(name="inspect")
+def inspect_front_end(
+    recording: Annotated[
+        Path, typer.Argument(help="Stereo event recording, or YAML fields of a simulation.")
+    ],
+    calibration: Calibration = None,
+    ground_truth: GroundTruth = None,
+    output: Output = None,
+    config: Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")] = None,
+    start: Annotated[float, typer.Option(min=0, help="Seconds to skip.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(min=0, help="Seconds to process.")] = None,
+    seed: Seed = None,
+) -> None:
+    """Hold features, tracklets, times and MC-RANSAC against the truth: table, JSON, plots."""
+    from gpvo.inspection_command import inspect_command, simulated
+    from gpvo.inspection_truth import truth_of_poses
+
+    is_simulation = recording.suffix in (".yaml", ".yml")
+    opened = simulated(recording) if is_simulation else open_recording(recording, calibration)
+    truth = None
+    if ground_truth is not None:
+        truth = truth_of_poses(load_ground_truth(ground_truth, opened), opened.start_ns)
+    configuration = seeded(load_configuration(config) if config else Configuration(), seed)
+    folder = output or Path("results") / recording.stem / "inspection"
+    span = (start, np.inf if duration is None else duration)
+    inspect_command(opened, truth, configuration, folder, console, *span)
 
 
 def demo_configuration() -> Configuration:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypeVar
 
 import yaml
 from pydantic import ValidationError
@@ -10,9 +11,22 @@ from pydantic import ValidationError
 from gpvo.config import Configuration, StageConfig
 from gpvo.errors import InputError
 
+Fields = TypeVar("Fields", bound=StageConfig)
+
 
 def load_configuration(path: Path | str) -> Configuration:
     """Read a YAML file that holds any part of what `gpvo config` prints.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or naming the field that is unknown or has a bad value.
+    """
+    return load_fields(path, Configuration, "`gpvo config` prints all fields and their defaults")
+
+
+def load_fields(path: Path | str, model: type[Fields], advice: str) -> Fields:
+    """Read a YAML file that holds some of a model's fields; errors end in the advice.
 
     Raises
     ------
@@ -25,13 +39,11 @@ def load_configuration(path: Path | str) -> Configuration:
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: is not a readable YAML file ({reason})") from error
     try:
-        return Configuration.model_validate({} if content is None else content)
+        return model.model_validate({} if content is None else content)
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(map(str, first["loc"])) or "the file"
-        raise InputError(
-            f"{path}: {field}: {first['msg']}; `gpvo config` prints all fields and their defaults"
-        ) from error
+        raise InputError(f"{path}: {field}: {first['msg']}; {advice}") from error
 
 
 def configuration_text(configuration: Configuration, described: bool = False) -> str:

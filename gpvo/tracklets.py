@@ -59,6 +59,11 @@ class Measurements:
         return Measurements(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
+def segments_between(earlier: Measurements, later: Measurements) -> Segments:
+    """Segments (N,) from measurements (N,) to later ones (N,) of the same landmarks."""
+    return Segments(earlier.stereo, later.stereo, later.t - earlier.t)
+
+
 class Tracklets:
     """The measurements of the latest clusters, those that passed the filters of their own."""
 
@@ -78,17 +83,24 @@ class Tracklets:
         self._measurements = Measurements.concatenate([self._measurements, *new])
         self._taken = np.append(self._taken, np.zeros(sum(map(len, new)), bool))
 
-    def segments(self, span: int) -> tuple[Segments, NDArray[np.int64]]:
-        """Segments (N,) from up to `span` clusters ago to the newest, and their landmarks (N,)."""
+    def pairs(self, span: int) -> tuple[Measurements, Measurements]:
+        """Measurements (N,) of up to `span` clusters ago, and of the same landmarks in the newest.
+
+        The earlier ones are the first of their landmarks in the span.
+        """
         newest = self._cluster_count - 1
         measurements = self._measurements[self._long_enough()]
         recent = measurements[measurements.frame >= newest - span]
         later = recent[recent.frame == newest]
         earlier = recent[np.unique(recent.landmark, return_index=True)[1]]
-        landmark, i, j = np.intersect1d(earlier.landmark, later.landmark, return_indices=True)
-        dt = later.t[j] - earlier.t[i]
-        segments = Segments(earlier.stereo[i], later.stereo[j], dt)
-        return segments[dt > 0], landmark[dt > 0]
+        _, i, j = np.intersect1d(earlier.landmark, later.landmark, return_indices=True)
+        moving = later.t[j] > earlier.t[i]
+        return earlier[i[moving]], later[j[moving]]
+
+    def segments(self, span: int) -> tuple[Segments, NDArray[np.int64]]:
+        """The pairs (N,) as segments, and their landmarks (N,)."""
+        earlier, later = self.pairs(span)
+        return segments_between(earlier, later), later.landmark
 
     def take(self, inliers: NDArray[np.int64]) -> Measurements:
         """Measurements of these landmarks that were not taken before."""

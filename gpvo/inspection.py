@@ -1,0 +1,243 @@
+"""The front end held against the truth, stage by stage: what `gpvo inspect` reports.
+
+Features, quad matches, tracklets, their image motion, disparities and times, and MC-RANSAC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.stereo import StereoCamera
+from gpvo.clustering import StereoCluster, cluster_events
+from gpvo.config import Configuration
+from gpvo.errors import InputError
+from gpvo.inspection_truth import Truth
+from gpvo.mc_ransac import VelocityFit, fast_mc_ransac, mc_ransac
+from gpvo.observations import Observations
+from gpvo.recordings.base import Recording
+from gpvo.tracking import MultiResolutionTracker
+from gpvo.tracklets import Measurements, Tracklets, segments_between
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+AGREEMENT = 2.0
+"""Pixels (norm of u, v, disparity) up to which a tracklet agrees with the true motion."""
+SLOPE_AGREEMENT = 3.0
+"""The same for tracklets in the slope of measured on true flow: wider, so as not to select it."""
+SLOWEST = 20.0
+"""Pixels per second below which an error in place tells nothing of one in time."""
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedTracklets:
+    """N tracklets, each from its first measurement in MC-RANSAC's span to the newest cluster.
+
+    Attributes
+    ----------
+    earlier, later
+        Their two ends.
+    accepted
+        (N,) bool, MC-RANSAC's inliers.
+    error
+        (N, 3) measured minus true (u_left, v, disparity) of the later end, given the earlier one
+        (and, if known, its true depth) and the true motion, pixels. NaN where there is no truth.
+    disparity_error
+        (N,) measured minus true disparity of the later end, pixels.
+    time_error
+        (N,) measured minus true time of the later end, given the earlier one's time: the error in
+        place along the true image motion, in seconds of that motion. NaN where that is slow.
+    """
+
+    earlier: Measurements
+    later: Measurements
+    accepted: Mask
+    error: Array
+    disparity_error: Array
+    time_error: Array
+
+    def __len__(self) -> int:
+        return len(self.earlier)
+
+    @property
+    def distance(self) -> Array:
+        """(N,) norm of the error, pixels; infinite where it is unknown."""
+        return np.nan_to_num(np.linalg.norm(self.error, axis=1), nan=np.inf)
+
+    @property
+    def agree(self) -> Mask:
+        """(N,) which agree with the true motion."""
+        return self.distance <= AGREEMENT
+
+    @property
+    def measured_flow(self) -> Array:
+        """(N, 2) motion of the left image point, pixels."""
+        return (self.later.stereo - self.earlier.stereo)[:, :2]
+
+    @property
+    def true_flow(self) -> Array:
+        """(N, 2) motion of the left image point by the true motion, pixels."""
+        return self.measured_flow - self.error[:, :2]
+
+    @property
+    def duration(self) -> Array:
+        """(N,) seconds."""
+        return self.later.t - self.earlier.t
+
+
+@dataclass(frozen=True, eq=False)
+class InspectedCluster:
+    """What each stage made of one cluster.
+
+    Attributes
+    ----------
+    start, stop
+        Seconds since the recording's start.
+    events, features, quads
+        Events of both cameras, stereo features, and those matched with an earlier frame.
+    tracklets
+        Those that pass the filters.
+    true_twist, fast_twist, iterative_twist
+        (6,) mean body twist over the tracklets, rad/s and m/s: true, and as MC-RANSAC's two
+        versions find it. NaN where unknown or not found.
+    picture
+        The left binary frame, packed.
+    """
+
+    start: float
+    stop: float
+    events: int
+    features: int
+    quads: int
+    tracklets: JudgedTracklets
+    true_twist: Array
+    fast_twist: Array
+    iterative_twist: Array
+    picture: NDArray[np.uint8]
+
+
+def inspect(
+    recording: Recording,
+    truth: Truth,
+    configuration: Configuration,
+    start: float = 0.0,
+    duration: float = np.inf,
+    progress: Callable[[InspectedCluster], None] | None = None,
+) -> list[InspectedCluster]:
+    """Run the front end over a part of a recording and judge every cluster.
+
+    Raises
+    ------
+    InputError
+        If the events are faulty or there are too few for a cluster.
+    """
+    front_end = _FrontEnd(recording, truth, configuration)
+    slabs = recording.slabs(start, start + duration)
+    clusters = []
+    for cluster in cluster_events(slabs, recording.rig, configuration.clustering):
+        clusters.append(front_end.process(cluster))
+        if progress is not None:
+            progress(clusters[-1])
+    if not clusters:
+        raise InputError(f"{recording.path}: too few events for a cluster")
+    return clusters
+
+
+class _FrontEnd:
+    """The stages before the estimator."""
+
+    def __init__(self, recording: Recording, truth: Truth, configuration: Configuration) -> None:
+        rig = recording.rig
+        self._truth = truth
+        self._config = configuration
+        self._camera = StereoCamera(
+            rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
+        )
+        self._tracker = MultiResolutionTracker(configuration.tracking)
+        self._tracklets = Tracklets(configuration.tracklets)
+        self._rng = np.random.default_rng(configuration.seed)
+        self._known = np.empty(0, np.int64)
+        self._frame = 0
+
+    def process(self, cluster: StereoCluster) -> InspectedCluster:
+        observations = self._tracker.track(cluster)
+        self._tracklets.add(cluster, observations)
+        earlier, later = self._tracklets.pairs(self._config.mc_ransac.span)
+        fast, fit = self._velocities(earlier, later)
+        accepted = np.zeros(len(later), bool) if fit is None else fit.inliers
+        self._tracklets.reject(later.landmark[~accepted])
+        features, quads = self._count(observations)
+        return InspectedCluster(
+            cluster.start,
+            cluster.stop,
+            cluster.left.event_count + cluster.right.event_count,
+            features,
+            quads,
+            judge(earlier, later, accepted, self._truth, self._camera),
+            self._true_twist(earlier, later),
+            fast,
+            np.full(6, np.nan) if fit is None else fit.velocity,
+            np.packbits(cluster.left.binary_frame > 0, axis=1),
+        )
+
+    def _velocities(
+        self, earlier: Measurements, later: Measurements
+    ) -> tuple[Array, VelocityFit | None]:
+        """What the fast version finds, and the whole; both draw the same samples."""
+        segments, config = segments_between(earlier, later), self._config.mc_ransac
+        if len(segments) < config.sample_size:
+            return np.full(6, np.nan), None
+        fast = fast_mc_ransac(segments, self._camera, config, deepcopy(self._rng))
+        information = np.diag(self._config.noise.measurement_information)
+        return fast, mc_ransac(segments, self._camera, information, config, self._rng)
+
+    def _count(self, observations: Observations) -> tuple[int, int]:
+        """Landmarks in the newest frame, and how many of them are seen elsewhere, too."""
+        newest = observations.frame == self._frame
+        here = observations.landmark[newest]
+        elsewhere = np.concatenate([self._known, observations.landmark[~newest]])
+        quads = int(np.isin(here, elsewhere).sum())
+        self._known = np.union1d(self._known, here)
+        self._frame += 1
+        return len(here), quads
+
+    def _true_twist(self, earlier: Measurements, later: Measurements) -> Array:
+        if len(later) == 0:
+            return np.full(6, np.nan)
+        start, stop = float(np.median(earlier.t)), float(np.median(later.t))
+        if not self._truth.start <= start < stop <= self._truth.stop:
+            return np.full(6, np.nan)
+        return self._truth.mean_twist(start, stop)
+
+
+def judge(
+    earlier: Measurements,
+    later: Measurements,
+    accepted: Mask,
+    truth: Truth,
+    camera: StereoCamera,
+) -> JudgedTracklets:
+    """Errors of tracklets (N,) by the true motion and depth."""
+    known = (earlier.t >= truth.start) & (later.t <= truth.stop)
+    error = np.full((len(later), 3), np.nan)
+    disparity_error, time_error = (np.full(len(later), np.nan) for _ in range(2))
+    if known.any():
+        first, last = earlier[known], later[known]
+        points = truth.points(first, camera)
+        error[known] = last.stereo - truth.projection(points, last.t, camera)
+        disparity_error[known] = (
+            error[known, 2]
+            if truth.depth is None
+            else last.stereo[:, 2] - truth.disparity(last, camera)
+        )
+        velocity = truth.image_velocity(points, last.t, camera)
+        speed = np.linalg.norm(velocity, axis=1)
+        along = np.einsum("ni,ni->n", error[known, :2], velocity)
+        safe = np.where(speed > SLOWEST, speed, np.nan)
+        time_error[known] = -along / safe**2
+    return JudgedTracklets(earlier, later, accepted, error, disparity_error, time_error)
