@@ -57,7 +57,8 @@ def main(
     arguments_given: Sequence[str] | None = None, console: Console | None = None
 ) -> list[Outcome]:
     """Parse the options and run."""
-    options = arguments(__doc__.splitlines()[0], list(SPANS_NS)).parse_args(arguments_given)
+    description = (__doc__ or "").partition("\n")[0]
+    options = arguments(description, list(SPANS_NS)).parse_args(arguments_given)
     sequences = [find_sequence(options.data, name) for name in options.sequences]
     return run_benchmark(options, sequences, Protocol(), console or Console())
 

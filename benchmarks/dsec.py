@@ -1,0 +1,84 @@
+"""DSEC's drives against the published errors of ESVO and ESVIO_AA, and trajectories if given.
+
+python -m benchmarks.dsec --data DIR [--sequences zurich_city_04_a] [--trajectories DIR]
+    [--output DIR]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from benchmarks.data_folder import find_file
+from benchmarks.dataset import DatasetSequence, Outcome, arguments, exit_with, run_benchmark
+from benchmarks.published import DSEC_ATE
+from gpvo.errors import InputError
+from gpvo.evaluation.protocol import Protocol
+from gpvo.evaluation.table_formats import to_rich
+from gpvo.evaluation.tables import Cell, ResultTable, best_marked, metres
+
+PROTOCOL = Protocol(align_body="rotation")
+"""The ground truth in use comes from a lidar, whose axes are not the camera's."""
+
+
+def find_sequence(data: Path, trajectories: Path | None, name: str) -> DatasetSequence:
+    """Files of a sequence in the user's folders.
+
+    Raises
+    ------
+    InputError
+        If the sequence is unknown, or saying which file to put where.
+    """
+    if name not in DSEC_ATE:
+        raise InputError(f"--sequences {name}: known are {', '.join(DSEC_ATE)}")
+    advice = (
+        f"put DSEC's events below it as {name}/events/left/events.h5 and"
+        f" {name}/events/right/events.h5 (or {name}_events_left/events.h5 and so on), and"
+        f" {name}/calibration/cam_to_cam.yaml; they are at dsec.ifi.uzh.ch. DSEC has no poses: put"
+        f" those of a lidar odometry into {name}/stamped_groundtruth.txt (TUM), there or below"
+        " --trajectories"
+    )
+    truth_names = [f"*{name}/stamped_groundtruth.txt"]
+    elsewhere = trajectories is not None and any(trajectories.rglob(truth_names[0]))
+    return DatasetSequence(
+        name,
+        find_file(data, [f"{name}/events/left/events.h5", f"{name}_events_left/events.h5"], advice),
+        find_file(
+            data,
+            [f"{name}/calibration/cam_to_cam.yaml", f"{name}_calibration/cam_to_cam.yaml"],
+            advice,
+        ),
+        find_file(trajectories if elsewhere and trajectories else data, truth_names, advice),
+    )
+
+
+def ate_table(outcomes: Sequence[Outcome]) -> ResultTable:
+    """Our absolute trajectory error beside the published ones."""
+    rows = []
+    for outcome in outcomes:
+        name = outcome.comparison.sequence
+        ours = outcome.comparison.evaluations[0].ate["se3"].translation.rmse
+        rows.append((Cell(name), *best_marked([ours, *DSEC_ATE[name].values()], metres)))
+    headings = ("sequence", "gpvo", "ESVO (published)", "ESVIO_AA (published)")
+    return ResultTable("ATE (RMSE), SE(3) aligned", headings, tuple(rows))
+
+
+def main(
+    arguments_given: Sequence[str] | None = None, console: Console | None = None
+) -> list[Outcome]:
+    """Parse the options and run."""
+    description = (__doc__ or "").partition("\n")[0]
+    options = arguments(description, ["zurich_city_04_a"]).parse_args(arguments_given)
+    console = console or Console()
+    sequences = [
+        find_sequence(options.data, options.trajectories, name) for name in options.sequences
+    ]
+    outcomes = run_benchmark(options, sequences, PROTOCOL, console)
+    console.print(to_rich(ate_table(outcomes)))
+    return outcomes
+
+
+if __name__ == "__main__":
+    exit_with(main)
