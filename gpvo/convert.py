@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -79,7 +80,8 @@ def convert(
     except OSError as error:
         raise InputError(f"{output}: cannot be written ({error.strerror or error})") from error
     finally:
-        _remove(part)
+        with suppress(OSError):
+            _remove(part)
     return counts
 
 

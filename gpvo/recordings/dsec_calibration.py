@@ -15,7 +15,7 @@ def dsec_rig(fields: Fields) -> StereoRig:
     intrinsics, extrinsics = fields.mapping("intrinsics"), fields.mapping("extrinsics")
     left, right = (intrinsics.mapping(name).camera("camera_matrix") for name in ("cam0", "cam3"))
     R_rect = extrinsics.rotation("R_rect0"), extrinsics.rotation("R_rect3")
-    f, _, cx, cy = intrinsics.mapping("camRect0").intrinsics("camera_matrix")
+    fx, fy, cx, cy = intrinsics.mapping("camRect0").intrinsics("camera_matrix")
     # As in OpenCV, T_10 takes points of camera 0 to camera 1.
     T_30 = (
         extrinsics.transform("T_32") @ extrinsics.transform("T_21") @ extrinsics.transform("T_10")
@@ -24,7 +24,7 @@ def dsec_rig(fields: Fields) -> StereoRig:
     t_rect = R_rect[1] @ T_30[:3, 3]
     if np.hypot(t_rect[1], t_rect[2]) > 0.01 * abs(t_rect[0]):
         extrinsics.fail("R_rect3", "does not turn the right camera beside the left one")
-    P = _projection(f, cx, cy, 0.0), _projection(f, cx, cy, f * float(t_rect[0]))
+    P = _projection(fx, fy, cx, cy, 0.0), _projection(fx, fy, cx, cy, fx * float(t_rect[0]))
     return projected_rig(left, right, R_rect, P, extrinsics, "T_10, T_21, T_32")
 
 
@@ -41,5 +41,5 @@ def lidar_to_left(cam_to_cam: Fields, cam_to_lidar: Fields) -> NDArray[np.float6
     return T_lidar_camrect1 @ R_rect1 @ extrinsics.transform("T_10") @ R_rect0.T
 
 
-def _projection(f: float, cx: float, cy: float, offset: float) -> NDArray[np.float64]:
-    return np.array([[f, 0.0, cx, offset], [0.0, f, cy, 0.0], [0.0, 0.0, 1.0, 0.0]])
+def _projection(fx: float, fy: float, cx: float, cy: float, offset: float) -> NDArray[np.float64]:
+    return np.array([[fx, 0.0, cx, offset], [0.0, fy, cy, 0.0], [0.0, 0.0, 1.0, 0.0]])

@@ -1,0 +1,249 @@
+"""One file for each camera: DSEC, TUM-VIE, VECtor, event_utils, text, AEDAT4; and M3ED's one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import hdf5plugin
+import numpy as np
+import pytest
+from encoders import START_NS, column_file, event_block, shifted, text_file
+from reading import assert_recording_holds, assert_same_events, read_stream
+from recording_files import HEIGHT, WIDTH
+
+from gpvo.errors import InputError
+from gpvo.recordings import columns, open_recording, read_calibration
+from gpvo.recordings.aedat4 import Aedat4, Aedat4Stream
+from gpvo.recordings.columns import DSEC, ColumnStream
+from gpvo.recordings.streams import EventBlock, Faults
+
+LEFT, RIGHT = event_block(900, 1), event_block(800, 2)
+
+NAMES = {
+    "DSEC": "events/{side}/events.h5",
+    "DSEC zip": "zurich_events_{side}/events.h5",
+    "TUM-VIE": "mocap-desk-events_{side}.h5",
+    "VECtor": "desk1.synced.{side}_event.hdf5",
+}
+
+
+def pair_of_files(folder: Path, name: str, **changes: Any) -> list[Path]:
+    return [
+        column_file(folder / name.format(side=side), block, **changes)
+        for side, block in (("left", LEFT), ("right", RIGHT))
+    ]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_layouts_on_disk(tmp_path: Path, calibration: Path, name: str) -> None:
+    folder = tmp_path / "sequence"
+    for path in (*pair_of_files(folder, NAMES[name]), folder):
+        assert_recording_holds(open_recording(path, calibration), LEFT, RIGHT)
+
+
+def test_vector_packing(tmp_path: Path, calibration: Path) -> None:
+    """Zstd without Blosc, and an offset in an array of one."""
+    for path in pair_of_files(tmp_path, NAMES["VECtor"]):
+        with h5py.File(path, "a") as file:
+            offset, t = file["t_offset"][()], file["events/t"][:]
+            del file["t_offset"], file["events/t"]
+            file["t_offset"] = np.array([offset])
+            file.create_dataset("events/t", data=t, **hdf5plugin.Zstd())
+    assert_recording_holds(open_recording(tmp_path, calibration), LEFT, RIGHT)
+
+
+def test_tum_vie_has_no_offset(tmp_path: Path, calibration: Path) -> None:
+    blocks = shifted(LEFT, -START_NS), shifted(RIGHT, -START_NS)
+    for side, block in zip(("left", "right"), blocks, strict=True):
+        path = tmp_path / NAMES["TUM-VIE"].format(side=side)
+        column_file(path, block, t_offset=None, **{"events/t": block.t_ns // 1000}, ms_to_idx=None)
+    assert_recording_holds(open_recording(tmp_path, calibration), *blocks)
+
+
+def test_event_utils(tmp_path: Path, calibration: Path) -> None:
+    for side, block in (("left", LEFT), ("right", RIGHT)):
+        with h5py.File(tmp_path / f"{side}.h5", "w") as file:
+            file["events/xs"], file["events/ys"] = (
+                block.x.astype(np.int16),
+                block.y.astype(np.int16),
+            )
+            file["events/ts"], file["events/ps"] = block.t_ns / 1e9, block.polarity
+    assert_recording_holds(open_recording(tmp_path, calibration), LEFT, RIGHT)
+
+
+def test_text(tmp_path: Path, calibration: Path) -> None:
+    for side, block in (("left", LEFT), ("right", RIGHT)):
+        text_file(tmp_path / side / "events.txt", block)
+    expected = shifted(LEFT, -START_NS), shifted(RIGHT, -START_NS)
+    for path in (tmp_path, tmp_path / "right/events.txt"):
+        assert_recording_holds(open_recording(path, calibration), *expected)
+
+
+def test_damaged_lines_are_counted(tmp_path: Path, calibration: Path) -> None:
+    for side in ("left", "right"):
+        text_file(tmp_path / f"{side}.txt", LEFT)
+    lines = (tmp_path / "left.txt").read_text().splitlines()
+    lines[100], lines[200], lines[300] = "0.1 3", "a b c d", "nan 1 1 0"
+    (tmp_path / "left.txt").write_text("# t x y p\n" + "\n".join(lines) + "\n0.6 1")
+    recording = open_recording(tmp_path / "left.txt", calibration)
+    assert sum(len(slab.left) for slab in recording.slabs()) == 897
+    assert any("4 damaged lines" in line for line in recording.fault_lines())
+
+
+@pytest.fixture
+def m3ed(tmp_path: Path) -> Path:
+    path = tmp_path / "car_urban_data.h5"
+    lens = {
+        "camera_model": "pinhole",
+        "distortion_model": "radtan",
+        "distortion_coeffs": [-0.05, 0.01, 0.0, 0.0],
+        "intrinsics": [42.0, 41.5, 32.3, 24.6],
+        "resolution": [WIDTH, HEIGHT],
+    }
+    T_left_right = np.eye(4)
+    T_left_right[0, 3] = 0.12
+    with h5py.File(path, "w") as file:
+        for side, block, T in (("left", LEFT, np.eye(4)), ("right", RIGHT, T_left_right)):
+            group = file.create_group(f"prophesee/{side}")
+            t = (block.t_ns - START_NS) // 1000
+            group["x"], group["y"], group["t"], group["p"] = block.x, block.y, t, block.polarity
+            group["ms_map_idx"] = np.searchsorted(t, 1000 * np.arange(t[-1] // 1000 + 1))
+            for name, value in (lens | {"T_to_prophesee_left": T}).items():
+                group[f"calib/{name}"] = value
+    return path
+
+
+def test_m3ed_carries_its_calibration(m3ed: Path) -> None:
+    recording = open_recording(m3ed)
+    assert recording.rig.baseline == pytest.approx(0.12)
+    assert read_calibration(m3ed).focal_length == recording.rig.focal_length
+    assert_recording_holds(recording, shifted(LEFT, -START_NS), shifted(RIGHT, -START_NS))
+
+
+def test_worked_example_of_the_index(tmp_path: Path) -> None:
+    """DSEC's documentation: t and the ms_to_idx that goes with it."""
+    t = np.array([0, 500, 2100, 5000, 5000, 7100, 7200, 7200, 8100, 9000], np.uint32)
+    index = np.array([0, 2, 2, 3, 3, 3, 5, 5, 8, 9], np.uint64)
+    ones = np.ones(10, np.uint16)
+    datasets = {"events/x": ones, "events/y": ones, "events/t": t, "events/p": ones}
+    path = column_file(tmp_path / "a.h5", LEFT, **datasets, t_offset=None, ms_to_idx=index)
+    stream = ColumnStream(path, DSEC)
+    for millisecond in range(12):
+        first = next(stream.blocks(1_000_000 * millisecond, Faults()), None)
+        expected = 10 if millisecond > 9 else index[millisecond]
+        assert (0 if first is None else len(first)) == 10 - expected
+
+
+@pytest.mark.parametrize("index", ["good", "none", "zeros", "short", "huge", "text"])
+@pytest.mark.parametrize("seconds", [0.0, 0.123, 0.31, 0.4999, 0.7])
+def test_starting_within(
+    tmp_path: Path, index: str, seconds: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The index only makes it faster; one that does not hold is not believed."""
+    monkeypatch.setattr(columns, "BLOCK_ROWS", 100)
+    indices = {
+        "none": None,
+        "zeros": np.zeros(500, np.uint64),
+        "short": np.zeros(3, np.uint64),
+        "huge": np.full(500, 2**63, np.uint64),
+        "text": np.bytes_(b"index"),
+    }
+    changes = {} if index == "good" else {"ms_to_idx": indices[index]}
+    stream = ColumnStream(column_file(tmp_path / "a.h5", LEFT, **changes), DSEC)
+    start_ns = START_NS + int(seconds * 1e9)
+    parts = list(stream.blocks(start_ns, Faults()))
+    ours = EventBlock.concatenate([LEFT[:0], *parts])
+    assert_same_events(ours[ours.t_ns >= start_ns], LEFT[LEFT.t_ns >= start_ns])
+    assert len(ours) - (LEFT.t_ns >= start_ns).sum() < 50
+
+
+COLUMN_FAULTS = [
+    ({"events/x": None}, "files|not a recording|events/x"),
+    ({"events/y": None}, "events/y is missing"),
+    ({"events/p": LEFT.polarity[:5]}, "different lengths"),
+    ({"events/t": np.bytes_(b"text")}, "events/t is not a column of numbers"),
+    ({"events/t": np.zeros((4, 4))}, "events/t is not a column of numbers"),
+    ({"t_offset": np.bytes_(b"text")}, "t_offset is not a number"),
+    ({f"events/{name}": np.zeros(0, np.uint16) for name in "xytp"}, "holds no events"),
+    ({"events/x": np.full(900, 64, np.uint16)}, "900 of 900 events lie outside the 64 x 48 sensor"),
+    ({"t_offset": np.int64(10)}, "no time in common"),
+]
+
+
+@pytest.mark.parametrize(("changes", "problem"), COLUMN_FAULTS, ids=range(len(COLUMN_FAULTS)))
+def test_faults(tmp_path: Path, calibration: Path, changes: dict, problem: str) -> None:
+    column_file(tmp_path / "left.h5", LEFT, **changes)
+    column_file(tmp_path / "right.h5", RIGHT)
+    with pytest.raises(InputError, match=problem) as caught:
+        for _ in open_recording(tmp_path / "left.h5", calibration).slabs():
+            pass
+    assert "\n" not in str(caught.value)
+
+
+def test_events_outside_the_sensor_are_counted(tmp_path: Path, calibration: Path) -> None:
+    x = LEFT.x.copy()
+    x[[10, 400, 899]] = 700
+    column_file(tmp_path / "left.h5", LEFT, **{"events/x": x})
+    column_file(tmp_path / "right.h5", RIGHT)
+    recording = open_recording(tmp_path, calibration)
+    assert_recording_holds(recording, LEFT[np.flatnonzero(x != 700)], RIGHT)
+    (line,) = recording.fault_lines()
+    assert "3 events outside the sensor were left out" in line
+
+
+def test_a_camera_that_starts_late_and_stops_early(tmp_path: Path, calibration: Path) -> None:
+    left = event_block(900, 5, seconds=3.0)
+    right = left[(left.t_ns > START_NS + 10**9) & (left.t_ns < START_NS + 2 * 10**9)]
+    column_file(tmp_path / "left.h5", left)
+    column_file(tmp_path / "right.h5", right)
+    recording = open_recording(tmp_path, calibration)
+    assert_recording_holds(recording, left, right)
+    late, early = recording.notes
+    assert "right camera starts 1.0" in late and "right camera stops" in early
+
+
+def test_the_other_file_is_missing(tmp_path: Path, calibration: Path) -> None:
+    path = column_file(tmp_path / "left.h5", LEFT)
+    for place in (path, tmp_path):
+        with pytest.raises(InputError, match=r"two cameras|one camera"):
+            open_recording(place, calibration)
+    column_file(tmp_path / "b.h5", RIGHT)
+    with pytest.raises(InputError, match=r"--left-topic b\.h5 --right-topic left\.h5"):
+        open_recording(tmp_path, calibration)
+    assert_recording_holds(open_recording(tmp_path, calibration, "left.h5", "b.h5"), LEFT, RIGHT)
+
+
+def test_rectify_map_of_another_camera(tmp_path: Path, calibration: Path) -> None:
+    files = pair_of_files(tmp_path, NAMES["DSEC"])
+    rig = read_calibration(calibration)
+    for path, table in zip(files, rig.tables, strict=True):
+        with h5py.File(path.with_name("rectify_map.h5"), "w") as file:
+            file["rectify_map"] = table
+    assert_recording_holds(open_recording(tmp_path, calibration), LEFT, RIGHT)
+    with h5py.File(files[1].with_name("rectify_map.h5"), "a") as file:
+        file["rectify_map"][:] += 3.0
+    with pytest.raises(InputError, match="rectify_map differs from the calibration by 4"):
+        open_recording(tmp_path, calibration)
+
+
+def test_prophesee_hdf5_is_named(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.hdf5", "w") as file:
+        file["CD/events"] = np.zeros(3)
+    with pytest.raises(InputError, match="ECF"):
+        open_recording(tmp_path / "a.hdf5")
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "count"),
+    [("davis346", (346, 260), 78_830), ("tonic_sample", (320, 240), 111_954)],
+)
+def test_real_aedat4(shared: Path, name: str, size: tuple[int, int], count: int) -> None:
+    file = Aedat4(shared / f"real/reader_samples/{name}.aedat4")
+    (camera,) = file.sensors
+    stream = Aedat4Stream(file, camera)
+    events = read_stream(stream)
+    assert stream.resolution == size and len(events) == count
+    assert (np.diff(events.t_ns) >= 0).all()
+    assert events.x.max() == size[0] - 1 and events.y.max() == size[1] - 1
