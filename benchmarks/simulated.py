@@ -102,17 +102,12 @@ def run_suite(
     console: Console,
 ) -> list[CaseResult]:
     """Run every case with every seed; results in that order, whoever is done first."""
-    futures = [
-        executor.submit(run_case, case, seed, configuration) for case in cases for seed in seeds
-    ]
+    tasks = [(case, seed, configuration) for case in cases for seed in seeds]
+    futures = [executor.submit(run_case, *task) for task in tasks]
     results = []
     for future in futures:
-        result = future.result()
-        results.append(result)
-        outcome = result.failure or f"{1e3 * result.rms_m:.1f} mm RMS, {result.rms_deg:.2f}°"
-        console.print(
-            f"{result.case}, seed {result.seed}: {outcome}", highlight=False, markup=False
-        )
+        results.append(future.result())
+        console.print(results[-1].line(), highlight=False, markup=False)
     return results
 
 

@@ -131,22 +131,31 @@ def _version(package: str) -> str | None:
 
 
 def cost_table(costs: Mapping[str, Cost]) -> ResultTable:
-    """Speed, processor time and memory, then the stages' share of time, one column per result."""
+    """Speed, processor time and memory, then every stage's speed and share of time.
+
+    One column per result; a stage's speed is what it alone would reach, times real time.
+    """
     stages = dict.fromkeys(stage for cost in costs.values() for stage in cost.stages)
-    labels = ["real-time factor", "events per second", "CPU s per recorded s", "peak memory"]
-    columns = [[*_totals(cost), *_shares(cost, stages)] for cost in costs.values()]
-    rows = [tuple(map(Cell, entries)) for entries in zip([*labels, *stages], *columns, strict=True)]
-    return ResultTable("Cost", ("", *costs), tuple(rows), group=len(labels))
+    labels = ["speed", "events per second", "CPU s per recorded s", "peak memory", *stages]
+    columns = [[*_totals(cost), *_stages(cost, stages)] for cost in costs.values()]
+    rows = [tuple(map(Cell, entries)) for entries in zip(labels, *columns, strict=True)]
+    return ResultTable("Cost", ("", *costs), tuple(rows), group=len(rows))
 
 
 def _totals(cost: Cost) -> list[str]:
     return [
-        f"{cost.real_time_factor:.2f}",
+        f"{cost.real_time_factor:.2f} x real time",
         f"{1e-6 * cost.events_per_second:.2f} M",
         f"{cost.cpu_seconds / cost.recording_seconds:.2f}",
         f"{cost.peak_memory_bytes / 2**20:.0f} MiB",
     ]
 
 
-def _shares(cost: Cost, stages: Iterable[str]) -> list[str]:
-    return [f"{100.0 * cost.stages.get(stage, 0.0) / cost.wall_seconds:.1f} %" for stage in stages]
+def _stages(cost: Cost, stages: Iterable[str]) -> list[str]:
+    spent = (cost.stages.get(stage, 0.0) for stage in stages)
+    return [_stage(cost, seconds) if seconds > 0.0 else "–" for seconds in spent]
+
+
+def _stage(cost: Cost, seconds: float) -> str:
+    share = 100.0 * seconds / cost.wall_seconds
+    return f"{cost.recording_seconds / seconds:.2f} x, {share:.1f} %"

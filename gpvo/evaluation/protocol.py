@@ -121,7 +121,7 @@ class Contender:
         """Where it is compared, in words."""
         if self.at_states_of is not None:
             return f"at the states of {self.at_states_of.name}"
-        return f"every {STEP:g} s" if self.continuous else "at its own states"
+        return f"every {STEP:g} s" if self.continuous else "at each estimate's own states"
 
 
 def places(contenders: Sequence[Contender]) -> str:

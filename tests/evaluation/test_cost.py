@@ -28,11 +28,11 @@ def test_factors():
     assert json.loads(json.dumps(cost.to_dict()))["stages"]["tracking"] == 2.0
     cells = {row[0].text: row[1].text for row in cost_table({"gpvo": cost}).rows}
     assert cells == {
-        "real-time factor": "2.00",
+        "speed": "2.00 x real time",
         "events per second": "0.80 M",
         "CPU s per recorded s": "0.80",
         "peak memory": "1024 MiB",
-        "tracking": "40.0 %",
+        "tracking": "5.00 x, 40.0 %",
     }
 
 
