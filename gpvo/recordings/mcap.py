@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
+from zlib import crc32
 
 from gpvo.errors import InputError
 from gpvo.recordings.logs import DAMAGED, DamagedChunkError, MessageLog, Topic, unpack
@@ -41,6 +42,7 @@ class _Part(NamedTuple):
     stored: int
     size: int
     compression: str
+    crc: int
 
 
 class _DamagedError(Exception):
@@ -105,7 +107,7 @@ class McapFile(MessageLog):
         if operation == CHUNK:
             self._parts.append(_chunk(file, start, min(size, end - start)))
         elif operation == MESSAGE:
-            self._parts.append(_Part(at, min(9 + size, end - at), 0, "none"))
+            self._parts.append(_Part(at, min(9 + size, end - at), 0, "none", 0))
         if start + size > end:
             raise _DamagedError
         if operation in (SCHEMA, CHANNEL):
@@ -156,17 +158,21 @@ def _messages_of(
 
 def _chunk(file: BinaryIO, start: int, size: int) -> _Part:
     head = file.read(min(size, 64))
-    _, _, unpacked, _, length = _CHUNK.unpack_from(head)
+    _, _, unpacked, crc, length = _CHUNK.unpack_from(head)
     at = _CHUNK.size + length
     compression = head[_CHUNK.size : at].decode()
     stored = struct.unpack_from("<Q", head, at)[0]
     begin = start + at + 8
-    return _Part(begin, min(stored, start + size - begin), unpacked, compression)
+    return _Part(begin, min(stored, start + size - begin), unpacked, compression, crc)
 
 
 def _unpacked(file: BinaryIO, part: _Part) -> bytes:
+    """The records of a part; those in front of a cut need no checksum."""
     file.seek(part.at)
-    return unpack(part.compression, file.read(part.stored), part.size)
+    data = unpack(part.compression, file.read(part.stored), part.size)
+    if part.crc and len(data) >= part.size and crc32(data) != part.crc:
+        raise DamagedChunkError("checksum")
+    return data
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
