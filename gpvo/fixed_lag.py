@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from gpvo.repairs import Repair, repairs_of, split_possible
 from gpvo.states import States
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
+from gpvo.unique_times import Deviations
 from gpvo.window import FIXED
 from gpvo.window_optimizer import Optimum
 
@@ -48,6 +49,7 @@ class FixedLagSmoother:
         self._cluster_ends: deque[float] = deque(maxlen=config.window)
         self._final: list[States] = []
         self._final_joint: list[Array] = []
+        self._final_deviations: list[Deviations] = []
 
     def update(
         self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
@@ -78,7 +80,18 @@ class FixedLagSmoother:
         states = States.concatenate([*self._final, self._window.states])
         joint = [*self._final_joint, self._joint_covariances(len(self._window.states) - 1)]
         knots = CovarianceKnots(states.t, np.concatenate(joint))
+        for deviations in self._deviations():
+            states = deviations.merged(states)
         return Trajectory.of_states(states, knots, self._sensor.noise, start_ns)
+
+    def _deviations(self) -> Iterator[Deviations]:
+        """Of the states at unique times, if these are asked for."""
+        if self._window is not None and self._sensor.config.state_interval == 0:
+            parts = [*self._final_deviations, self._window.deviations()]
+            yield Deviations(
+                np.concatenate([part.t for part in parts]),
+                np.concatenate([part.local for part in parts]),
+            )
 
     def _first_window(self, t: float, fit: VelocityFit | None) -> LagWindow:
         """The first state, whose pose defines the world."""
@@ -129,6 +142,9 @@ class FixedLagSmoother:
         if leaving:
             self._final.append(self._window.states[:leaving])
             self._final_joint.append(self._joint_covariances(leaving))
+            if self._sensor.config.state_interval == 0:
+                start = self._window.states.t[leaving]
+                self._final_deviations.append(self._window.deviations().before(start))
             try:
                 self._window = self._window.marginalized(leaving, self._optimum)
             except IndeterminateError as error:

@@ -21,6 +21,7 @@ from gpvo.repairs import Repair, repairs_of
 from gpvo.robust import RobustLoss
 from gpvo.states import States
 from gpvo.tracklets import Measurements
+from gpvo.unique_times import Deviations
 from gpvo.window_cost import Variables, WindowCost
 from gpvo.window_optimizer import Optimum, minimize
 
@@ -120,6 +121,10 @@ class LagWindow:
             repairs += repairs_of(dropped, "indeterminate: landmark left out")
             window = window.without(lost)
 
+    def deviations(self) -> Deviations:
+        """Those of the states at unique times."""
+        return self._cost().deviations(Variables(self.states, self.landmarks))
+
     def without(self, numbers: Index) -> LagWindow:
         """Without landmarks of these numbers and all that was measured of them."""
         return replace(
@@ -165,7 +170,8 @@ class LagWindow:
         config = self.sensor.config
         loss = RobustLoss(config.loss, config.loss_scale)
         usable = self._usable(self.measurements)
-        return WindowCost(self.sensor.camera, self.sensor.noise, loss, self.prior, usable)
+        unique = config.state_interval == 0
+        return WindowCost(self.sensor.camera, self.sensor.noise, loss, self.prior, usable, unique)
 
     def _usable(self, measurements: Measurements) -> Measurements:
         return measurements[np.isin(measurements.landmark, self.landmarks.number)]
@@ -178,7 +184,7 @@ class LagWindow:
             return inside
         variables = Variables(self.states, self.landmarks)
         predicted = replace(self._cost(), measurements=new[known])
-        rows, columns = predicted.stereo(variables, True), predicted.columns(variables)
+        rows, columns = predicted.stereo(variables)[0], predicted.columns(variables)
         combinations = np.zeros((variables.first_landmark + 3 * len(self.landmarks), len(known), 3))
         n = np.arange(len(known))[:, None, None]
         combinations[columns[:, :, None], n, np.arange(3)] = rows[..., :-1].transpose(0, 2, 1)
@@ -199,7 +205,7 @@ def new_times(last: float, measured: Array, stop: float, interval: float) -> Arr
     if stop - last <= SAME_TIME:
         return np.empty(0)
     later = measured[measured > last]
-    start = min(later.min() - SAME_TIME if len(later) else stop, stop)
+    start = min(float(later.min()) if len(later) else stop, stop)
     times = [last]
     if start - last > interval:
         times.append(start)

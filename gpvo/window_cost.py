@@ -5,6 +5,7 @@ J = marginal prior + WNOA priors between the states + losses of the reprojection
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from gpvo.marginal_prior import MarginalPrior, landmark_columns
 from gpvo.robust import RobustLoss
 from gpvo.states import States
 from gpvo.tracklets import Measurements
+from gpvo.unique_times import Bridge, Deviations, bridge_covariance, groups
 from gpvo.window_kernels import add_normal_kernel, motion_kernel, stereo_kernel
 
 Array = NDArray[np.float64]
@@ -59,6 +61,9 @@ class WindowCost:
         Of the first state and landmarks.
     measurements
         Between the first and the last state, of the window's landmarks.
+    unique
+        Whether every time of a measurement has a state of its own, which is eliminated; without,
+        the states at these times are the interpolated ones.
     """
 
     camera: StereoCamera
@@ -66,6 +71,7 @@ class WindowCost:
     loss: RobustLoss
     prior: MarginalPrior
     measurements: Measurements
+    unique: bool = False
 
     def value(self, variables: Variables) -> float:
         """The cost itself; not finite if a landmark is at no place."""
@@ -76,7 +82,7 @@ class WindowCost:
 
     def squared_errors(self, variables: Variables) -> Array:
         """(N,) squared Mahalanobis norms of the reprojection errors."""
-        return np.sum(self.stereo(variables, False)[..., -1] ** 2, axis=1)
+        return np.sum(self.stereo(variables, False)[0][..., -1] ** 2, axis=1)
 
     def hidden(self, variables: Variables) -> Index:
         """Numbers of the landmarks that are behind the camera at one of their measurements."""
@@ -103,19 +109,43 @@ class WindowCost:
         deviation = self.prior.deviation(variables.states, variables.landmarks)
         H[np.ix_(columns, columns)] = self.prior.quadratic.H
         g[columns] = self.prior.quadratic.g + self.prior.quadratic.H @ deviation
-        motion, stereo = self._motion(variables.states, True), self.stereo(variables, True)
+        motion, (stereo, by_local) = self._motion(variables.states, True), self.stereo(variables)
         squares = np.sum(stereo[..., -1] ** 2, axis=1)
         cost = self.prior.quadratic.cost(deviation) + float(np.sum(motion[..., -1] ** 2))
         cost += float(np.sum(self.loss.cost(squares)))
-        stereo *= np.sqrt(self.loss.weight(squares))[:, None, None]
         add_normal_kernel(motion, _state_columns(np.arange(len(motion))), H, g)
-        add_normal_kernel(stereo, self.columns(variables), H, g)
+        if self.unique:
+            for bridge in self.bridges(variables, stereo, by_local):
+                bridge.add_normal(H, g)
+        else:
+            stereo *= np.sqrt(self.loss.weight(squares))[:, None, None]
+            add_normal_kernel(stereo, self.columns(variables), H, g)
         return Quadratic(H, g, cost)
 
-    def stereo(self, variables: Variables, derivatives: bool) -> Array:
-        """(N, 3, 28) whitened errors of the measurements; see `stereo_kernel`."""
+    def deviations(self, variables: Variables) -> Deviations:
+        """Most probable deviations of the states at unique times from the interpolated ones."""
+        bridges = self.bridges(variables, *self.stereo(variables))
+        local = [bridge.deviations() for bridge in bridges]
+        t, first = np.unique(self.measurements.t, return_index=True)
+        return Deviations(t, np.concatenate([np.empty((0, 12)), *local])[first])
+
+    def bridges(self, variables: Variables, stereo: Array, by_local: Array) -> Iterator[Bridge]:
+        """The measurements of each interval between states, weighted by the loss."""
+        weight = self.loss.weight(np.sum(stereo[..., -1] ** 2, axis=1))
+        stereo, by_local = (np.sqrt(weight)[:, None, None] * rows for rows in (stereo, by_local))
+        columns, interval = self.columns(variables), self._intervals(variables.states)
+        t, qc = variables.states.t, np.array(self.noise.acceleration_psd)
+        for group in groups(interval):
+            k = interval[group.start]
+            spread = bridge_covariance(self.measurements.t[group] - t[k], t[k + 1] - t[k])
+            yield Bridge(stereo[group], columns[group], by_local[group], spread, qc)
+
+    def stereo(self, variables: Variables, derivatives: bool = True) -> tuple[Array, Array]:
+        """(N, 3, 28) and (N, 3, 6) whitened errors of the measurements; see `stereo_kernel`."""
         states, landmarks = variables.states, variables.landmarks
-        result = np.empty((len(self.measurements), 3, 28))
+        result, by_local = np.empty((len(self.measurements), 3, 28)), np.empty((0, 3, 6))
+        if derivatives:
+            by_local = np.empty((len(self.measurements), 3, 6))
         stereo_kernel(
             states.T_world_cam,
             states.twist,
@@ -130,8 +160,9 @@ class WindowCost:
             np.sqrt(np.array(self.noise.measurement_information)),
             derivatives,
             result,
+            by_local,
         )
-        return result
+        return result, by_local
 
     def columns(self, variables: Variables) -> Index:
         """(N, 27) columns of both states and the landmark of each measurement."""

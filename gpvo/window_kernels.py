@@ -10,7 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels import Array, kernel
+from factors.kernels import (
+    RIGHT,
+    Array,
+    jacobian_coefficients_kernel,
+    kernel,
+    polynomial_kernel,
+)
 from factors.local import (
     EXACT,
     hermite_weights,
@@ -41,6 +47,7 @@ def stereo_kernel(
     whitening: Array,
     derivatives: bool,
     result: Array,
+    by_local: Array,
 ) -> None:
     """Whitened errors of measurements in order of time, and their derivatives.
 
@@ -59,6 +66,8 @@ def stereo_kernel(
     result
         (N, 3, 28), written: derivative by state before (12), state after (12) and coordinates (3),
         then the error.
+    by_local
+        (N, 3, 6), written: derivative by xi, local to the state before, at the measurement's time.
     """
     local_j, by_states_j = np.empty(12), np.empty((12, 24))
     pose, velocity, point, last = np.empty((4, 4)), np.empty(6), np.empty(3), -1
@@ -83,9 +92,15 @@ def stereo_kernel(
             continue
         first = len(stereo) - 3
         by_states = rows_by_states_kernel(stereo, first, local, by_states_j, weights)
+        jacobian = polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
         for r in range(3):
             for c in range(24):
                 result[n, r, c] = whitening[r] * by_states[r, c]
+            for c in range(6):
+                value = 0.0
+                for m in range(6):
+                    value += stereo[r, m] * jacobian[m, c]
+                by_local[n, r, c] = whitening[r] * value
             away = 0.0
             for c in range(3):
                 turned = 0.0

@@ -1,0 +1,180 @@
+"""No input makes an estimator fail: what is impossible is left out, and what is wrong is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from synthetic import CAMERA, TWIST, constant_velocity, tracklets
+from test_estimators import METHODS, NOTHING, PERIOD
+
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.mc_ransac import VelocityFit
+from gpvo.tracklets import Measurements
+from gpvo.trajectory import Trajectory
+
+Cluster = tuple[float, Measurements]
+
+
+def regular(parts: list[Measurements]) -> list[Cluster]:
+    return [((frame + 1) * PERIOD, part) for frame, part in enumerate(parts)]
+
+
+def changed(part: Measurements, stereo: np.ndarray) -> Measurements:
+    return Measurements(part.landmark, part.frame, part.t, stereo)
+
+
+def outliers(share: float, seed: int = 1) -> list[Cluster]:
+    rng = np.random.default_rng(seed)
+    parts = []
+    for part in tracklets(clusters=10, per_cluster=30, noise=0.3):
+        wrong = rng.random(len(part)) < share
+        stereo = part.stereo.copy()
+        stereo[wrong] = rng.uniform([0, 0, 3], [340, 260, 25], (wrong.sum(), 3))
+        parts.append(changed(part, stereo))
+    return regular(parts)
+
+
+def broken_numbers() -> list[Cluster]:
+    parts = tracklets(clusters=8, per_cluster=12)
+    for value, part in zip((np.nan, np.inf, -3.0, 0.0), parts[2:6], strict=True):
+        part.stereo[::3, 2] = value
+    parts[6].t[0] = np.nan
+    parts[7].t[0] += 100.0
+    return regular(parts)
+
+
+def all_far_away() -> list[Cluster]:
+    parts = []
+    for part in tracklets(clusters=8):
+        stereo = part.stereo.copy()
+        stereo[:, 2] = 1e-3
+        parts.append(changed(part, stereo))
+    return regular(parts)
+
+
+def on_a_line() -> list[Cluster]:
+    rng = np.random.default_rng(0)
+    points = np.array([0.0, 0.0, 3.0]) + np.linspace(-0.5, 0.5, 8)[:, None] * [1.0, 0.2, 0.1]
+    clusters = []
+    for frame in range(8):
+        t = (frame + rng.random(8)) * PERIOD
+        T = constant_velocity(t)
+        local = np.einsum("nji,nj->ni", T[:, :3, :3], points - T[:, :3, 3])
+        seen = Measurements(np.arange(8), np.full(8, frame), t, CAMERA.project(local))
+        clusters.append(((frame + 1) * PERIOD, seen))
+    return clusters
+
+
+def behind_the_camera() -> list[Cluster]:
+    """Landmarks whose measurements agree only with a point behind one of the cameras."""
+    parts = tracklets(clusters=8)
+    for part in parts[3:]:
+        part.stereo[:2] = [[1e5, -1e5, 1e-9], [-1e5, 1e5, 1e5]]
+    return regular(parts)
+
+
+def a_microsecond_apart() -> list[Cluster]:
+    parts = []
+    for part in tracklets(clusters=6):
+        twin = Measurements(part.landmark, part.frame, part.t + 1e-6, part.stereo)
+        parts.append(Measurements.concatenate([part, twin]))
+    return regular(parts)
+
+
+def coincident() -> list[Cluster]:
+    parts = []
+    for frame, part in enumerate(tracklets(clusters=6)):
+        t = np.full(len(part), (frame + 0.5) * PERIOD)
+        parts.append(Measurements(part.landmark, part.frame, t, part.stereo))
+    return regular(parts)
+
+
+def gap_of_seconds() -> list[Cluster]:
+    """The events stop for three seconds; the clusters after it are three seconds later."""
+    parts = tracklets(clusters=12)
+    clusters = regular(parts[:5])
+    for frame, part in enumerate(parts[9:], 9):
+        moved = Measurements(part.landmark + 1000, part.frame, part.t + 3, part.stereo)
+        clusters.append(((frame + 1) * PERIOD + 3, moved))
+    return clusters
+
+
+def nothing_for_seconds() -> list[Cluster]:
+    parts = tracklets(clusters=5)
+    empty = [((5 + frame + 1) * PERIOD, NOTHING) for frame in range(40)]
+    return regular(parts) + empty
+
+
+def late_and_early() -> list[Cluster]:
+    """Measurements of the first clusters again, long after they have left the window."""
+    parts = tracklets(clusters=12)
+    parts[10] = Measurements.concatenate([parts[10], parts[0], parts[1]])
+    return regular(parts)
+
+
+def same_end_twice() -> list[Cluster]:
+    clusters = regular(tracklets(clusters=6))
+    return [*clusters[:3], (clusters[2][0], NOTHING), *clusters[3:]]
+
+
+CASES: list[Callable[[], list[Cluster]]] = [
+    broken_numbers,
+    all_far_away,
+    on_a_line,
+    behind_the_camera,
+    a_microsecond_apart,
+    coincident,
+    gap_of_seconds,
+    nothing_for_seconds,
+    late_and_early,
+    same_end_twice,
+]
+
+
+def run(
+    clusters: list[Cluster], fit: VelocityFit | None = None, **settings: object
+) -> tuple[Trajectory, list]:
+    config = EstimatorConfig(**settings)  # type: ignore[arg-type]
+    estimator = METHODS[config.method](CAMERA, NoiseConfig(), config)
+    for frame, (stop, measurements) in enumerate(clusters):
+        estimator.update(frame, stop, measurements, fit)
+    trajectory = estimator.trajectory(0)
+    assert trajectory is not None
+    return trajectory, estimator.repairs
+
+
+def check(trajectory: Trajectory) -> None:
+    assert (np.diff(trajectory.t) > 0).all()
+    t = np.linspace(trajectory.start, trajectory.stop, 50)
+    assert np.isfinite(trajectory.pose(t)).all()
+    assert np.isfinite(trajectory.velocity(t)).all()
+    covariance = trajectory.covariance(t)
+    assert (np.diagonal(covariance, 0, 1, 2) > 0).all()
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("interval", [0.0, 0.025])
+def test_it_goes_on(case: Callable[[], list[Cluster]], method: str, interval: float) -> None:
+    trajectory, _ = run(case(), method=method, state_interval=interval)
+    check(trajectory)
+
+
+@pytest.mark.parametrize("loss", ["huber", "cauchy", "gnc"])
+@pytest.mark.parametrize("method", METHODS)
+def test_robust_losses_survive_half_outliers(method: str, loss: str) -> None:
+    fit = VelocityFit(TWIST, 1e-4 * np.eye(6), np.ones(0, bool))
+    trajectory, _ = run(outliers(0.5), fit, method=method, loss=loss)
+    check(trajectory)
+
+
+def test_impossible_measurements_are_told_with_key_time_and_values() -> None:
+    for method in METHODS:
+        _, repairs = run(broken_numbers(), method=method)
+        reasons = [repair.reason for repair in repairs]
+        for reason in ("finite", "disparity", "beyond the cluster's end"):
+            assert any(reason in told for told in reasons)
+        assert all(repair.key.startswith("l") for repair in repairs)
+        assert all(len(repair.measurement or ()) == 3 for repair in repairs)
