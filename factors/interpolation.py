@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_array, power_spectral_density
-from factors.kernels import Array, copy_kernel, kernel
+from factors.kernels import Array, kernel
 from factors.local import (
     EXACT,
     hermite_weights,
@@ -124,20 +124,12 @@ def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, q
     A duration of zero is taken as one second; its rows are not used.
     """
     dt = np.where(dt == 0, 1.0, dt)
-    derivatives = np.empty((len(dt), 12, 25))
-    _prior_batch(T_i, v_i, T_j, v_j, dt, derivatives)
+    rows = zip(T_i, v_i, T_j, v_j, dt, strict=True)
+    derivatives = np.array([wnoa_kernel(*row, True, EXACT) for row in rows])
+    derivatives = derivatives.reshape(-1, 12, 25)
     zero = np.zeros_like(dt)
     scalars = [np.sqrt(12 / dt**3), -np.sqrt(3 / dt), zero, np.sqrt(1 / dt)]
     return kronecker(np.stack(scalars, -1).reshape(-1, 2, 2), whitening(qc)) @ derivatives[..., :24]
-
-
-@kernel
-def _prior_batch(
-    T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, derivatives: Array
-) -> None:
-    for n in range(len(dt)):
-        prior = wnoa_kernel(T_i[n], v_i[n], T_j[n], v_j[n], dt[n], True, EXACT)
-        copy_kernel(prior, derivatives[n])
 
 
 def _between(from_i: Array, to_j: Array, root: Array) -> Array:
@@ -176,9 +168,12 @@ def _sum_of_squares(*roots: Array) -> Array:
 
 
 def _spread(array: Array, batch: tuple[int, ...], element: tuple[int, ...]) -> Array:
-    """The array with its leading axes broadcast to `batch` and flattened."""
-    whole = np.broadcast_to(array, (*batch, *element))
-    return np.ascontiguousarray(whole).reshape(-1, *element)
+    """The array with its leading axes broadcast to `batch` and flattened.
+
+    A copy, as numba would compile all again for the read-only view that NumPy's broadcasting gives.
+    """
+    whole = np.array(np.broadcast_to(array, (*batch, *element)), order="C")
+    return whole.reshape(-1, *element)
 
 
 def extrapolate(

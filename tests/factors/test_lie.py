@@ -46,14 +46,14 @@ def hat(xi: Array) -> Array:
 
 
 @given(twists())
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 def test_exp_is_the_matrix_exponential(xi: Array) -> None:
     np.testing.assert_allclose(se3_exp(xi), expm(hat(xi)), atol=1e-13)
     np.testing.assert_allclose(se3_adjoint(se3_exp(xi)), expm(se3_curly(xi)), atol=1e-12)
 
 
 @given(twists())
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 def test_log_undoes_exp(xi: Array) -> None:
     T = se3_exp(xi)
     np.testing.assert_allclose(se3_exp(se3_log(T)), T, atol=1e-14 * (1 + np.abs(xi).max()))
@@ -62,7 +62,7 @@ def test_log_undoes_exp(xi: Array) -> None:
 
 
 @given(twists(), twists())
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 def test_inverse_and_adjoint(xi: Array, other: Array) -> None:
     T = se3_exp(xi)
     np.testing.assert_allclose(T @ se3_inverse(T), np.eye(4), atol=1e-14)
@@ -72,7 +72,7 @@ def test_inverse_and_adjoint(xi: Array, other: Array) -> None:
 
 
 @given(twists(2 * np.pi - 0.1))
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 def test_jacobian_is_the_mean_of_the_adjoint(xi: Array) -> None:
     """J = integral of Exp(s ad(xi)) over s from 0 to 1, here by Gauss-Legendre quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
@@ -83,7 +83,7 @@ def test_jacobian_is_the_mean_of_the_adjoint(xi: Array) -> None:
 
 
 @given(twists(2 * np.pi - 0.1))
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 def test_jacobians_are_inverse_and_adjoint_to_each_other(xi: Array) -> None:
     left, right = se3_left_jacobian(xi), se3_right_jacobian(xi)
     inverse = se3_left_jacobian_inverse(xi)
