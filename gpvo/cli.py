@@ -34,6 +34,14 @@ console = Console()
 Output = Annotated[Path | None, typer.Option(help="Folder for the results.")]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all random choices.")]
 Calibration = Annotated[Path | None, typer.Option(help="kalibr camchain (YAML).")]
+AnyCalibration = Annotated[
+    Path | None,
+    typer.Option(
+        help="kalibr, DSEC, basalt, CameraInfo or M3ED; if not in or beside the recording."
+    ),
+]
+LeftTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the left camera.")]
+RightTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the right camera.")]
 GroundTruth = Annotated[Path | None, typer.Option(help="True poses: MVSEC HDF5, TUM, KITTI, bag.")]
 
 
@@ -153,6 +161,37 @@ def inspect_front_end(
     folder = output or Path("results") / recording.stem / "inspection"
     span = (start, np.inf if duration is None else duration)
     inspect_command(opened, truth, configuration, folder, console, *span)
+
+
+@app.command()
+def info(
+    recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
+    calibration: AnyCalibration = None,
+    left_topic: LeftTopic = None,
+    right_topic: RightTopic = None,
+) -> None:
+    """Print what a recording holds: sensor, events, calibration, ground truth, faults."""
+    from gpvo.recording_commands import info_command
+
+    info_command(recording, calibration, left_topic, right_topic, console)
+
+
+@app.command(name="convert")
+def convert_recording(
+    recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
+    output: Annotated[Path, typer.Argument(help="File, or folder for DSEC.")],
+    to: Annotated[
+        Literal["mvsec", "dsec", "rosbag1", "mcap", "aedat4"] | None,
+        typer.Option(help="Format, where the ending of OUTPUT does not tell."),
+    ] = None,
+    calibration: AnyCalibration = None,
+    left_topic: LeftTopic = None,
+    right_topic: RightTopic = None,
+) -> None:
+    """Write a recording in another format: the same events, and the calibration beside them."""
+    from gpvo.recording_commands import convert_command
+
+    convert_command(recording, output, to, calibration, left_topic, right_topic, console)
 
 
 def demo_configuration() -> Configuration:

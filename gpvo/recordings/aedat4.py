@@ -13,7 +13,7 @@ import numpy as np
 
 from gpvo.errors import InputError
 from gpvo.recordings.base import Recording
-from gpvo.recordings.calibrations import rig_for
+from gpvo.recordings.calibrations import Calibration, rig_for
 from gpvo.recordings.flatbuffers import Table
 from gpvo.recordings.logs import DAMAGED, DamagedChunkError, unpack
 from gpvo.recordings.pairing import camera_files, choose_pair, files_of
@@ -48,7 +48,7 @@ def is_aedat4(path: Path) -> bool:
 
 
 def open_aedat4(
-    path: Path, calibration: Path | str | None, left: str | None, right: str | None
+    path: Path, calibration: Calibration, left: str | None, right: str | None
 ) -> Recording:
     """Open both event streams of a file, or those of a pair of files."""
     file = Aedat4(path) if path.is_file() else None

@@ -85,8 +85,14 @@ class Recording(ABC):
         Absolute stamp of t = 0 (the first event of either camera), int64 nanoseconds.
     duration
         Seconds from the first event of either camera to the last.
+    format_name
+        For reports.
+    notes
+        What a user should know before trusting the recording, found when it was opened.
     """
 
+    format_name: str = "recording"
+    notes: Sequence[str] = ()
     path: Path
     rig: StereoRig
     start_ns: int
@@ -99,6 +105,10 @@ class Recording(ABC):
         Memory stays bounded: a slab is a fraction of a second. Left and right of a slab cover
         the same interval, and slabs without events are yielded too, so that gaps are seen.
         """
+
+    def fault_lines(self) -> list[str]:
+        """One line for each kind of fault in the slabs read last; their events were left out."""
+        return []
 
     def stamp_ns(self, t: float) -> int:
         """Absolute stamp in nanoseconds of a time in seconds since the start."""

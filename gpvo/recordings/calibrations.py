@@ -32,6 +32,13 @@ BESIDE = (
 
 FOLDERS_ABOVE = 3
 
+Calibration = Path | str | StereoRig | None
+"""A file, a rig, or None for what the recording holds or what lies beside it."""
+
+
+class MissingCalibrationError(InputError):
+    """No calibration was given, and none or several were found."""
+
 
 def read_calibration(path: Path | str) -> StereoRig:
     """Read a stereo rig from any of the calibration files that gpvo knows.
@@ -62,14 +69,18 @@ def read_calibration(path: Path | str) -> StereoRig:
     return kalibr_rig(fields)
 
 
-def rig_for(recording: Path, calibration: Path | str | None, format_name: str) -> StereoRig:
+def rig_for(recording: Path, calibration: Calibration, format_name: str) -> StereoRig:
     """The rig of the given calibration, or of the only one that lies beside the recording.
 
     Raises
     ------
+    MissingCalibrationError
+        If there is none or several.
     InputError
-        If there is none or several, or it cannot be used.
+        If it cannot be used.
     """
+    if isinstance(calibration, StereoRig):
+        return calibration
     if calibration is not None:
         return read_calibration(calibration)
     found = calibrations_beside(recording)
@@ -77,8 +88,10 @@ def rig_for(recording: Path, calibration: Path | str | None, format_name: str) -
         return read_calibration(found[0])
     if found:
         listing = " or ".join(f"--calibration {file}" for file in found)
-        raise InputError(f"{recording}: several calibrations lie beside it; choose {listing}")
-    raise InputError(
+        raise MissingCalibrationError(
+            f"{recording}: several calibrations lie beside it; choose {listing}"
+        )
+    raise MissingCalibrationError(
         f"{recording}: {format_name} holds no calibration; give one of its cameras with"
         f" --calibration camchain.yaml ({KNOWN})"
     )

@@ -13,7 +13,7 @@ import numpy as np
 from gpvo.errors import InputError
 from gpvo.recordings import checks
 from gpvo.recordings.base import Events, Recording, StereoEvents
-from gpvo.recordings.calibrations import rig_for
+from gpvo.recordings.calibrations import Calibration, rig_for
 from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5, read_column
 from gpvo.recordings.slabs import stereo_slabs
 
@@ -51,9 +51,9 @@ class MvsecRecording(Recording):
         read, as no dataset is ever read whole.
     """
 
-    def __init__(
-        self, path: Path, calibration: Path | str | None, slab_length: float = 0.1
-    ) -> None:
+    format_name = "MVSEC HDF5"
+
+    def __init__(self, path: Path, calibration: Calibration, slab_length: float = 0.1) -> None:
         self.path = path
         self.rig = rig_for(path, calibration, "MVSEC's HDF5")
         self.slab_length = slab_length

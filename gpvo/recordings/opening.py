@@ -6,11 +6,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
 from gpvo.recordings import two_files
 from gpvo.recordings.aedat4 import is_aedat4, open_aedat4
 from gpvo.recordings.base import Recording
-from gpvo.recordings.calibrations import rig_for
+from gpvo.recordings.calibrations import Calibration, rig_for
 from gpvo.recordings.columns import M3ED, ColumnStream
 from gpvo.recordings.hdf5 import has_dataset
 from gpvo.recordings.mcap import McapFile, is_mcap
@@ -20,8 +21,6 @@ from gpvo.recordings.rosbag2 import is_rosbag2, open_rosbag2
 from gpvo.recordings.sensor_size import check_sensor_size
 from gpvo.recordings.stereo import StreamRecording
 from gpvo.recordings.topics import open_log
-
-Calibration = Path | str | None
 
 
 class Format(NamedTuple):
@@ -66,7 +65,7 @@ FORMATS = (
 
 def open_recording(
     path: Path | str,
-    calibration: Path | str | None = None,
+    calibration: Calibration = None,
     left_topic: str | None = None,
     right_topic: str | None = None,
 ) -> Recording:
@@ -78,8 +77,8 @@ def open_recording(
         The recording; its format is found from what it holds, not from its name. Of two files,
         one for each camera, name either, or their folder.
     calibration
-        File of the stereo calibration: see `read_calibration`. Not needed if the recording holds
-        it, or if the only one lies beside it.
+        File of the stereo calibration: see `read_calibration`; or a rig. Not needed if the
+        recording holds it, or if the only one lies beside it.
     left_topic, right_topic
         Topics (or files in a folder, streams in AEDAT4) of both cameras, where their names do not
         tell which is which.
@@ -94,7 +93,8 @@ def open_recording(
     for candidate in FORMATS:
         if candidate.recognise(path):
             recording = candidate.open(path, calibration, left_topic, right_topic)
-            check_sensor_size(recording, calibration)
+            if not isinstance(calibration, StereoRig):
+                check_sensor_size(recording, calibration)
             return recording
     raise InputError(_unknown(path, FORMATS))
 

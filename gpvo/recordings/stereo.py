@@ -15,6 +15,7 @@ from gpvo.recordings.clocks import common_clock
 from gpvo.recordings.ordering import in_order
 from gpvo.recordings.slabs import stereo_slabs
 from gpvo.recordings.streams import EventBlock, EventStream, Faults
+from gpvo.recordings.unknown import LARGEST
 
 log = logging.getLogger("gpvo.recordings")
 
@@ -139,7 +140,7 @@ def _shifted(span: tuple[int, int], shift_ns: int) -> tuple[int, int]:
 def check_resolution(stream: EventStream, camera: Camera) -> None:
     """Raise InputError if the file states another sensor than the calibration's."""
     stated, calibrated = stream.resolution, camera.resolution
-    if stated is not None and stated != calibrated:
+    if stated is not None and stated != calibrated != LARGEST:
         raise InputError(
             f"{stream.where}: is of a {stated[0]} x {stated[1]} sensor, the calibration of one of"
             f" {calibrated[0]} x {calibrated[1]}; give this camera's calibration"

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
 from gpvo.errors import InputError
 from gpvo.recordings import evt
 from gpvo.recordings.base import Recording
-from gpvo.recordings.calibrations import rig_for
+from gpvo.recordings.calibrations import Calibration, rig_for
 from gpvo.recordings.camera_info import camera_info_of_log
 from gpvo.recordings.logs import MessageLog, Topic
 from gpvo.recordings.messages import (
@@ -201,7 +200,7 @@ def _decode(packet: EventPacket, decoder: evt.Evt3 | evt.LibcaerPacked) -> Itera
 
 
 def open_log(
-    log: MessageLog, calibration: Path | str | None, left: str | None, right: str | None
+    log: MessageLog, calibration: Calibration, left: str | None, right: str | None
 ) -> Recording:
     """Open the two event topics of a log.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gpvo.recordings import columns
 from gpvo.recordings.base import Recording
-from gpvo.recordings.calibrations import rig_for
+from gpvo.recordings.calibrations import Calibration, rig_for
 from gpvo.recordings.columns import ColumnStream
 from gpvo.recordings.dsec import check_rectify_map
 from gpvo.recordings.hdf5 import has_dataset
@@ -33,7 +33,7 @@ class TwoFiles:
         return self.is_kind(path) if path.is_file() else bool(self._files(path))
 
     def open(
-        self, path: Path, calibration: Path | str | None, left: str | None, right: str | None
+        self, path: Path, calibration: Calibration, left: str | None, right: str | None
     ) -> Recording:
         """Open both files."""
         folder = path if path.is_dir() else path.parent

@@ -1,0 +1,200 @@
+"""What a recording holds, and what is wrong with it: `gpvo info`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from gpvo.errors import InputError
+from gpvo.recordings.base import Events, Recording
+from gpvo.recordings.calibrations import Calibration, MissingCalibrationError
+from gpvo.recordings.opening import open_recording
+from gpvo.recordings.synchrony import clock_offset
+from gpvo.recordings.unknown import UNKNOWN_RIG
+
+GAP_SECONDS = 0.05
+"""A moving camera, and even the noise of one at rest, is never silent for so long."""
+
+GROUND_TRUTH = (
+    "*_gt.hdf5",
+    "*_gt.bag",
+    "*gt.txt",
+    "*groundtruth*.txt",
+    "mocap_data.txt",
+    "pose.bag",
+    "*odometry*/pose.bag",
+)
+"""Names of ground truths, looked for beside the recording."""
+
+
+@dataclass
+class CameraEvents:
+    """What the events of one camera look like.
+
+    Attributes
+    ----------
+    count
+        Number of events.
+    on
+        Number of those that became brighter.
+    first, last
+        Seconds since the recording's start.
+    reach
+        Smallest sensor that holds all events, (width, height).
+    gaps
+        (start, seconds) of the times without events.
+    per_millisecond
+        Number of events in every millisecond.
+    """
+
+    count: int = 0
+    on: int = 0
+    first: float = np.nan
+    last: float = np.nan
+    reach: tuple[int, int] = (0, 0)
+    gaps: list[tuple[float, float]] = field(default_factory=list)
+    per_millisecond: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def add(self, events: Events) -> None:
+        """Take further events into account."""
+        if len(events) == 0:
+            return
+        before = events.t[0] if np.isnan(self.last) else self.last
+        steps = np.diff(events.t, prepend=before)
+        for index in np.flatnonzero(steps > GAP_SECONDS):
+            self.gaps.append((float(events.t[index] - steps[index]), float(steps[index])))
+        self.first = float(events.t[0]) if np.isnan(self.first) else self.first
+        self.last = float(events.t[-1])
+        self.count += len(events)
+        self.on += int(events.polarity.sum())
+        width, height = int(events.x.max()) + 1, int(events.y.max()) + 1
+        self.reach = max(self.reach[0], width), max(self.reach[1], height)
+        self._count_milliseconds(events.t)
+
+    def _count_milliseconds(self, t: NDArray[np.float64]) -> None:
+        counts = np.bincount((t * 1000).astype(np.int64), minlength=len(self.per_millisecond))
+        counts[: len(self.per_millisecond)] += self.per_millisecond
+        self.per_millisecond = counts
+
+    def row(self) -> list[str]:
+        """Cells of the table: events, rate, share of ON, first, last, gaps."""
+        span = max(self.last - self.first, 1e-9)
+        longest = max((seconds for _, seconds in self.gaps), default=0.0)
+        return [
+            f"{self.count:,}",
+            f"{self.count / span / 1e6:.3f} M/s",
+            f"{self.on / max(self.count, 1):.0%}",
+            f"{self.first:.6f} s",
+            f"{self.last:.6f} s",
+            f"{len(self.gaps)}, longest {longest:.3f} s" if self.gaps else "none",
+        ]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """All that `gpvo info` prints."""
+
+    recording: Recording
+    calibrated: bool
+    left: CameraEvents
+    right: CameraEvents
+    ground_truth: list[str]
+    warnings: list[str]
+
+    def tables(self) -> list[Table]:
+        """The recording, its cameras."""
+        about = Table(show_header=False, title=str(self.recording.path))
+        for name, value in self._facts():
+            about.add_row(name, value)
+        cameras = Table("camera", "events", "rate", "ON", "first", "last", "gaps over 50 ms")
+        cameras.add_row("left", *self.left.row())
+        cameras.add_row("right", *self.right.row())
+        return [about, cameras]
+
+    def _stated_sensor(self) -> str:
+        """Size that the file states, or the smallest that the events allow."""
+        streams = getattr(self.recording, "streams", {})
+        stated = streams["left"].resolution if streams else None
+        width, height = stated or np.maximum(self.left.reach, self.right.reach)
+        return f"{width} x {height}" if stated else f"at least {width} x {height}"
+
+    def _facts(self) -> list[tuple[str, str]]:
+        recording, rig = self.recording, self.recording.rig
+        start = datetime.fromtimestamp(recording.start_ns // 10**9, timezone.utc)
+        facts = [
+            ("format", recording.format_name),
+            ("duration", f"{recording.duration:.6f} s"),
+            ("start", f"{recording.start_ns / 1e9:.6f} s ({start:%Y-%m-%d %H:%M:%S} UTC)"),
+        ]
+        if self.calibrated:
+            width, height = rig.left.resolution
+            facts += [
+                ("sensor", f"{width} x {height}"),
+                ("calibration", f"{rig.left.distortion_model}, f {rig.focal_length:.2f} px"),
+                ("baseline", f"{rig.baseline:.6f} m"),
+            ]
+        else:
+            facts += [("sensor", self._stated_sensor()), ("calibration", "none found")]
+        return [*facts, ("ground truth", "\n".join(self.ground_truth) or "none found")]
+
+
+def open_for_info(
+    path: Path, calibration: Calibration, left: str | None, right: str | None
+) -> tuple[Recording, bool]:
+    """A recording, and whether it is calibrated; without a calibration it is looked at, too."""
+    try:
+        return open_recording(path, calibration, left, right), True
+    except MissingCalibrationError:
+        return open_recording(path, UNKNOWN_RIG, left, right), False
+
+
+def summarise(
+    recording: Recording,
+    calibrated: bool = True,
+    advance: Callable[[float], object] = lambda _: None,
+) -> Summary:
+    """Read a whole recording once.
+
+    Parameters
+    ----------
+    advance
+        Called with the seconds read so far.
+    """
+    left, right = CameraEvents(), CameraEvents()
+    for slab in recording.slabs():
+        left.add(slab.left)
+        right.add(slab.right)
+        advance(slab.stop)
+    warnings = [*recording.notes, *recording.fault_lines()]
+    offset = clock_offset(left.per_millisecond, right.per_millisecond)
+    if offset is not None:
+        warnings.append(
+            f"the right camera's stamps seem to be {offset:+.3f} s late: its event rate follows"
+            " the left one's by that time; synchronise the clocks or shift its stamps"
+        )
+    truth = ground_truths(recording) if calibrated else []
+    return Summary(recording, calibrated, left, right, truth, warnings)
+
+
+def ground_truths(recording: Recording) -> list[str]:
+    """Ground truths beside a recording, each with its span or what is wrong with it."""
+    from gpvo.evaluation.loading import load_poses
+
+    path = recording.path.absolute()
+    folder = path if path.is_dir() else path.parent
+    lines = []
+    for file in sorted({file for pattern in GROUND_TRUTH for file in folder.glob(pattern)}):
+        try:
+            poses = load_poses(file, recording.rig)
+        except InputError as error:
+            lines.append(str(error))
+            continue
+        start, stop = (poses.stamps_ns[[0, -1]] - recording.start_ns) / 1e9
+        lines.append(f"{file.name}: {len(poses)} poses from {start:.3f} s to {stop:.3f} s")
+    return lines

@@ -1,0 +1,57 @@
+"""What `gpvo info` and `gpvo convert` do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+
+from gpvo.convert import camchain_path, convert, kind_of
+from gpvo.info import open_for_info, summarise
+from gpvo.recordings.opening import open_recording
+
+
+def info_command(
+    path: Path, calibration: Path | None, left: str | None, right: str | None, console: Console
+) -> None:
+    """Read a recording once and print what was found."""
+    recording, calibrated = open_for_info(path, calibration, left, right)
+    with progress(console, recording.duration) as advance:
+        summary = summarise(recording, calibrated, advance)
+    for table in summary.tables():
+        console.print(table)
+    for warning in summary.warnings:
+        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
+
+
+def convert_command(
+    path: Path,
+    output: Path,
+    kind: str | None,
+    calibration: Path | None,
+    left: str | None,
+    right: str | None,
+    console: Console,
+) -> None:
+    """Write a recording in another format and print how many events it has."""
+    kind = kind or kind_of(output)
+    recording = open_recording(path, calibration, left, right)
+    with progress(console, recording.duration) as advance:
+        counts = convert(recording, output, kind, advance)
+    console.print(
+        f"{output} ({kind}): {counts[0]:,} left and {counts[1]:,} right events;"
+        f" calibration in {camchain_path(output, kind)}",
+        soft_wrap=True,
+        highlight=False,
+    )
+
+
+@contextmanager
+def progress(console: Console, duration: float) -> Iterator[Callable[[float], None]]:
+    """A bar of recording time that vanishes at the end."""
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task("reading", total=duration)
+        yield lambda seconds: bar.update(task, completed=seconds)

@@ -1,0 +1,51 @@
+"""Do both cameras see their events at the same time? Their event rates tell."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import correlate
+
+LONGEST_OFFSET = 2000
+"""Milliseconds looked at, both ways."""
+
+SMOOTHING = 500
+"""Milliseconds; slower changes of the rate say little about time."""
+
+FEWEST_BINS = 200
+CLEAR_PEAK = 0.3
+"""Correlation of rates from which an offset is credible, and its least gain over none."""
+
+CLEAR_GAIN = 0.1
+SMALLEST_OFFSET = 4
+"""Milliseconds; rates of cameras apart from each other differ by about so much."""
+
+
+def clock_offset(left: NDArray[np.int64], right: NDArray[np.int64]) -> float | None:
+    """Seconds by which the right camera's stamps are late, or None if nothing speaks for any.
+
+    Parameters
+    ----------
+    left, right
+        Numbers of events in every millisecond of the recording.
+    """
+    length = min(len(left), len(right))
+    a, b = _fluctuation(left[:length]), _fluctuation(right[:length])
+    norm = np.linalg.norm(a) * np.linalg.norm(b)
+    if length < FEWEST_BINS or norm == 0.0:
+        return None
+    correlation = correlate(b, a, method="fft") / norm
+    reach = min(LONGEST_OFFSET, length // 4)
+    window = correlation[length - 1 - reach : length + reach]
+    lag = int(np.argmax(window)) - reach
+    gain = window[lag + reach] - window[reach]
+    if abs(lag) < SMALLEST_OFFSET or window[lag + reach] < CLEAR_PEAK or gain < CLEAR_GAIN:
+        return None
+    return lag / 1000.0
+
+
+def _fluctuation(counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Rate without its slow part; the root keeps bursts from deciding alone."""
+    rate = np.sqrt(counts.astype(np.float64))
+    return rate - uniform_filter1d(rate, SMOOTHING)
