@@ -7,7 +7,7 @@ L(l) in the world.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -21,6 +21,7 @@ from factors import (
     WnoaPriorFactor,
 )
 from gpvo.config import NoiseConfig
+from gpvo.robust import RobustLoss
 from gpvo.tracklets import Measurements
 
 Array = NDArray[np.float64]
@@ -34,6 +35,7 @@ class FactorMaker:
 
     camera: StereoCamera
     noise: NoiseConfig
+    loss: RobustLoss = field(default_factory=RobustLoss)
 
     def anchor(
         self, state: int, T_world_cam: Array, twist: Array, covariance: Array
@@ -61,7 +63,7 @@ class FactorMaker:
 
         The measurements' times must lie within those of the states, t (K,), up to `SAME_TIME`.
         """
-        model = gtsam.noiseModel.Gaussian.Information(np.diag(self.noise.measurement_information))
+        model = self.loss.noise_model(np.diag(self.noise.measurement_information))
         before = np.clip(np.searchsorted(t, measurements.t + SAME_TIME, "right") - 1, 0, None)
         factors: list[gtsam.NonlinearFactor] = []
         for k, time, landmark, stereo in zip(

@@ -25,10 +25,12 @@ from gpvo.factor_graph import (
 )
 from gpvo.initialization import start_states, velocity_ahead
 from gpvo.mc_ransac import VelocityFit
+from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
+from gpvo.robust import RobustLoss
 from gpvo.states import States
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
-from gpvo.window import FIXED, joint_covariance, qr_parameters
+from gpvo.window import FIXED, joint_covariance, qr_parameters, states_of
 
 Array = NDArray[np.float64]
 
@@ -62,7 +64,8 @@ class IncrementalSmoother:
     """
 
     def __init__(self, camera: StereoCamera, noise: NoiseConfig, config: EstimatorConfig) -> None:
-        self._make = FactorMaker(camera, noise)
+        self.repairs: list[Repair] = []
+        self._make = FactorMaker(camera, noise, RobustLoss(config.loss, config.loss_scale))
         self._config = config
         self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, qr_parameters())
         self._active = gtsam.Values()
@@ -70,6 +73,7 @@ class IncrementalSmoother:
         self._first_active = self._solved = 0
         self._cluster_ends: deque[float] = deque(maxlen=config.window)
         self._pending = Measurements.concatenate([])
+        self._used = Measurements.concatenate([])
         self._knots = CovarianceKnots()
         # Callbacks are faster for factors that Python keeps alive.
         self._factors: deque[list[gtsam.NonlinearFactor]] = deque(maxlen=2 * config.window)
@@ -82,13 +86,15 @@ class IncrementalSmoother:
         Without any, the prior carries the estimate on to `stop`.
         """
         self._cluster_ends.append(stop)
+        possible, repairs = split_possible(measurements, stop)
+        self.repairs += repairs
         increment = _Increment()
         if len(self._states) == 0:
-            if len(measurements) == 0:
+            if len(possible) == 0:
                 return
-            self._start(increment, measurements.t.min(), fit)
-        usable = self._usable(measurements)
-        self._extend_states(increment, measurements.t, stop, fit)
+            self._start(increment, possible.t.min(), fit)
+        usable = self._usable(possible)
+        self._extend_states(increment, possible.t, stop, fit)
         self._measure(increment, usable)
         self._solve(increment)
 
@@ -116,6 +122,8 @@ class IncrementalSmoother:
             [self._active.exists(L(index)) for index in known.landmark.tolist()], bool
         )
         self._pending = known[~ready]
+        self._used = Measurements.concatenate([self._used, known[ready]])
+        self._used = self._used[self._used.t >= self._states.t[self._first_active]]
         return known[ready]
 
     def _extend_states(
@@ -149,6 +157,42 @@ class IncrementalSmoother:
         increment.add_factors(self._make.reprojection(active, t, measurements))
 
     def _solve(self, increment: _Increment) -> None:
+        """Update the smoother; if that fails, make it anew, without landmarks that GTSAM names."""
+        try:
+            return self._update(increment)
+        except (RuntimeError, IndexError) as error:
+            failure: Exception = error
+        while len(self._used):
+            lost = named_landmark(failure, self._used)
+            self.repairs += repairs_of(lost, "indeterminate: left out, the window solved anew")
+            self._used = self._used[~np.isin(self._used.landmark, lost.landmark)]
+            try:
+                return self._update(self._window_anew())
+            except (RuntimeError, IndexError) as error:
+                failure = error
+        first = self._states[: self._first_active + 1]
+        self._states.replace_from(first.at(self._states.t[self._first_active :]))
+        self._update(self._window_anew())
+
+    def _window_anew(self) -> _Increment:
+        """Everything in the window, for a smoother that knows nothing yet."""
+        self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, qr_parameters())
+        self._active = gtsam.Values()
+        increment, first, states = _Increment(), self._first_active, self._states
+        deviations = np.repeat([FIXED, self._make.noise.initial_velocity], 6)
+        covariance = np.diag(deviations**2)
+        if len(self._knots.joint):
+            covariance = self._knots.joint[-1, 12:, 12:]
+        start = states.T_world_cam[first], states.twist[first]
+        increment.add_factors(self._make.anchor(first, *start, covariance))
+        for k in range(first, len(states)):
+            increment.add_state(k, states.t[k], states.T_world_cam[k], states.twist[k])
+        numbers = range(first, len(states))
+        increment.add_factors(self._make.motion(numbers, states.t[first:]))
+        self._measure(increment, self._used)
+        return increment
+
+    def _update(self, increment: _Increment) -> None:
         """Update the smoother, and take over its estimate of the states in the window."""
         self._factors.append(increment.factors)
         lag = self._states.t[-1] - self._cluster_ends[0] + SAME_TIME
@@ -161,11 +205,7 @@ class IncrementalSmoother:
             self._first_active += 1
         self._solved = len(self._states)
         active = range(self._first_active, self._solved)
-        newest = States(
-            self._states.t[self._first_active :],
-            np.array([self._active.atPose3(X(k)).matrix() for k in active]),
-            np.array([self._active.atVector(V(k)) for k in active]),
-        )
+        newest = states_of(self._active, active, self._states.t[self._first_active :])
         self._states.replace_from(newest)
 
     def _knots_before(self, stop: float) -> CovarianceKnots:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -66,3 +67,15 @@ def split_possible(measurements: Measurements, latest: float) -> tuple[Measureme
         repairs += repairs_of(measurements[wrong & possible], f"{reason}: measurement left out")
         possible &= ~wrong
     return measurements[possible], repairs
+
+
+def named_landmark(error: Exception, measurements: Measurements) -> Measurements:
+    """The measurements of the landmark that GTSAM's error names; all if it names none of them.
+
+    GTSAM writes the key as "l42" into the message of an indeterminate system.
+    """
+    for number in re.findall(r"\bl(\d+)\b", str(error)):
+        named = measurements[measurements.landmark == int(number)]
+        if len(named):
+            return named
+    return measurements

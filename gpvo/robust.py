@@ -29,8 +29,8 @@ class RobustLoss:
         m of gnc; one is the loss itself, and the larger it is the more convex.
     """
 
-    name: LossName
-    scale: float
+    name: LossName = "none"
+    scale: float = 3.0
     convexity: float = 1.0
 
     def cost(self, s: Array) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,8 @@ from gpvo.covariance_knots import CovarianceKnots
 from gpvo.factor_graph import FactorMaker, seen_twice, state_times
 from gpvo.initialization import start_states, velocity_ahead
 from gpvo.mc_ransac import VelocityFit
+from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
+from gpvo.robust import RobustLoss
 from gpvo.states import States
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
@@ -27,7 +31,8 @@ class SlidingWindow:
     """
 
     def __init__(self, camera: StereoCamera, noise: NoiseConfig, config: EstimatorConfig) -> None:
-        self._make = FactorMaker(camera, noise)
+        self.repairs: list[Repair] = []
+        self._make = FactorMaker(camera, noise, RobustLoss(config.loss, config.loss_scale))
         self._config = config
         self._states = States()
         self._knots = CovarianceKnots()
@@ -41,21 +46,37 @@ class SlidingWindow:
 
         Without any, the prior carries the estimate on to `stop`.
         """
+        possible, repairs = split_possible(measurements, stop)
+        self.repairs += repairs
         if len(self._states) == 0:
-            if len(measurements) == 0:
+            if len(possible) == 0:
                 return
-            self._states = start_states(measurements.t.min(), fit, self._make.noise)
+            self._states = start_states(possible.t.min(), fit, self._make.noise)
         earlier = self._measurements
-        self._add(frame, stop, measurements)
+        self._add(frame, stop, possible)
         t = self._window_times()
+        if len(t) < 2:
+            return
         self._knots = self._knots_until(t[0], earlier)
+        self._states.replace_from(self._optimized(t, fit))
+
+    def _optimized(self, t: Array, fit: VelocityFit | None) -> States:
+        """States at times t (K,); without the measurements if these do not determine them."""
         ahead = velocity_ahead(self._states, t[-1], fit, self._make.noise)
-        window = Window(
-            self._states.at(t, ahead),
-            seen_twice(self._measurements),
-            np.diag(self._anchor_deviations**2),
-        )
-        self._states.replace_from(window.optimize(self._make, self._config))
+        anchor = np.diag(self._anchor_deviations**2)
+        window = Window(self._states.at(t, ahead), seen_twice(self._measurements), anchor)
+        while True:
+            try:
+                return window.optimize(self._make, self._config)
+            except RuntimeError as error:
+                if len(window.measurements) == 0:
+                    return window.states
+                lost = named_landmark(error, window.measurements)
+                self.repairs += repairs_of(lost, "indeterminate: left out")
+                self._measurements = self._measurements[
+                    ~np.isin(self._measurements.landmark, lost.landmark)
+                ]
+                window = replace(window, measurements=seen_twice(self._measurements))
 
     def trajectory(self, start_ns: int) -> Trajectory | None:
         """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -63,21 +64,31 @@ class Window:
         return values
 
     def optimize(self, make: FactorMaker, config: EstimatorConfig) -> States:
-        """The states that minimize the cost."""
+        """The states that minimize the cost; RuntimeError if it does not determine them."""
         ordering = nested_dissection(range(len(self.states)), self.states.t, self.measurements)
         values = gauss_newton(self.graph(make), self.values(make), ordering, config)
-        numbers = range(len(self.states))
-        return States(
-            self.states.t,
-            np.array([values.atPose3(X(k)).matrix() for k in numbers]),
-            np.array([values.atVector(V(k)) for k in numbers]),
-        )
+        return states_of(values, range(len(self.states)), self.states.t)
 
     def joint_covariances(self, make: FactorMaker, count: int) -> Array:
         """(count, 24, 24) joint covariances of the first states and the next of each."""
         solved = gtsam.ISAM2(qr_parameters())
         solved.update(self.graph(make), self.values(make))
         return np.array([joint_covariance(solved, k, k + 1) for k in range(count)])
+
+
+def states_of(values: gtsam.Values, numbers: Sequence[int], t: Array) -> States:
+    """The states with these numbers (K,) at times t (K,).
+
+    Raises
+    ------
+    RuntimeError
+        If they are not finite, as GTSAM does if a system is singular and it notices.
+    """
+    T_world_cam = np.array([values.atPose3(X(k)).matrix() for k in numbers])
+    twist = np.array([values.atVector(V(k)) for k in numbers])
+    if not (np.isfinite(T_world_cam).all() and np.isfinite(twist).all()):
+        raise RuntimeError("the estimate is not finite")
+    return States(t, T_world_cam, twist)
 
 
 def gauss_newton(

@@ -28,7 +28,7 @@ def changed(part: Measurements, stereo: np.ndarray) -> Measurements:
 def outliers(share: float, seed: int = 1) -> list[Cluster]:
     rng = np.random.default_rng(seed)
     parts = []
-    for part in tracklets(clusters=10, per_cluster=30, noise=0.3):
+    for part in tracklets(clusters=7, per_cluster=10, noise=0.3):
         wrong = rng.random(len(part)) < share
         stereo = part.stereo.copy()
         stereo[wrong] = rng.uniform([0, 0, 3], [340, 260, 25], (wrong.sum(), 3))
@@ -37,7 +37,7 @@ def outliers(share: float, seed: int = 1) -> list[Cluster]:
 
 
 def broken_numbers() -> list[Cluster]:
-    parts = tracklets(clusters=8, per_cluster=12)
+    parts = tracklets(clusters=8)
     for value, part in zip((np.nan, np.inf, -3.0, 0.0), parts[2:6], strict=True):
         part.stereo[::3, 2] = value
     parts[6].t[0] = np.nan
@@ -93,7 +93,7 @@ def coincident() -> list[Cluster]:
 
 def gap_of_seconds() -> list[Cluster]:
     """The events stop for three seconds; the clusters after it are three seconds later."""
-    parts = tracklets(clusters=12)
+    parts = tracklets(clusters=11)
     clusters = regular(parts[:5])
     for frame, part in enumerate(parts[9:], 9):
         moved = Measurements(part.landmark + 1000, part.frame, part.t + 3, part.stereo)
@@ -103,13 +103,13 @@ def gap_of_seconds() -> list[Cluster]:
 
 def nothing_for_seconds() -> list[Cluster]:
     parts = tracklets(clusters=5)
-    empty = [((5 + frame + 1) * PERIOD, NOTHING) for frame in range(40)]
+    empty = [((5 + frame + 1) * PERIOD, NOTHING) for frame in range(20)]
     return regular(parts) + empty
 
 
 def late_and_early() -> list[Cluster]:
     """Measurements of the first clusters again, long after they have left the window."""
-    parts = tracklets(clusters=12)
+    parts = tracklets(clusters=11)
     parts[10] = Measurements.concatenate([parts[10], parts[0], parts[1]])
     return regular(parts)
 
