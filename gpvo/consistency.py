@@ -1,0 +1,41 @@
+"""Whether covariances tell the truth: the normalized estimation error squared (NEES).
+
+Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 5.4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from factors.lie import se3_inverse, se3_log
+from gpvo.states import States
+from gpvo.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+def nees(trajectory: Trajectory, truth: States, t: Array) -> tuple[Array, Array]:
+    """NEES (N,) of the pose and (N,) of the velocity at times t (N,); 6 on average if honest.
+
+    The true motion is taken relative to its pose at the trajectory's start.
+    """
+    T_true, twist_true = truth.query(t)
+    start, _ = truth.query(np.array([trajectory.start]))
+    pose = se3_log(se3_inverse(trajectory.pose(t)) @ se3_inverse(start) @ T_true)
+    velocity = twist_true - trajectory.velocity(t)
+    covariance = trajectory.covariance(t)
+    return _squared(pose, covariance[:, :6, :6]), _squared(velocity, covariance[:, 6:, 6:])
+
+
+def mean_nees_interval(runs: int, probability: float = 0.95, dimension: int = 6) -> Array:
+    """(2,) interval that the mean NEES of independent runs lies in with a probability."""
+    tail = (1 - probability) / 2
+    bounds = chi2.ppf([tail, 1 - tail], runs * dimension) / runs
+    return np.asarray(bounds, np.float64)
+
+
+def _squared(error: Array, covariance: Array) -> Array:
+    """(N,) squared Mahalanobis norms of errors (N, 6)."""
+    return np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
