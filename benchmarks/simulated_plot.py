@@ -18,9 +18,9 @@ def suite_figure(results: Sequence[CaseResult], earlier: Sequence[CaseResult] = 
     """Errors and speed by case, beside an earlier run's if given."""
     cases = names(results)
     metrics = [metric for metric in METRICS if metric.field in SHOWN]
-    figure = new_figure(1.5 + 0.9 * len(cases), 2.0 * len(metrics))
+    figure = new_figure(max(4.0, 1.5 + 0.9 * len(cases)), 2.0 * len(metrics))
     rows = figure.subplots(len(metrics), 1, sharex=True, squeeze=False)[:, 0]
-    runs = [("now", results)] + ([("earlier", earlier)] if earlier else [])
+    runs = [("earlier", earlier), ("now", results)] if earlier else [("each seed", results)]
     for axes, metric in zip(rows, metrics, strict=True):
         for number, ((label, run), colour) in enumerate(zip(runs, colours(2), strict=False)):
             _draw(axes, run, cases, metric, 0.2 * (number - 0.5 * (len(runs) - 1)), label, colour)

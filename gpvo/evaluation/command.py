@@ -93,22 +93,12 @@ def at_states_of_competitor(contenders: Sequence[Contender]) -> list[Contender]:
     ]
 
 
-STRANGE_ROTATION = 0.35
-"""Radians (20 degrees) off on the median: rather another body frame than an error."""
-
-
 def print_comparison(comparison: Comparison, console: Console) -> None:
     """Tables of one sequence, how they were made, and what looks wrong."""
     for table in comparison.tables():
         console.print(to_rich(table))
-    for evaluation in comparison.evaluations:
-        if evaluation.ate["se3"].rotation.median > STRANGE_ROTATION:
-            console.print(
-                f"{evaluation.name}: orientations are far from the ground truth's, positions"
-                " aligned; if it describes another body than the camera, use --align-body rotation",
-                style="yellow",
-                markup=False,
-            )
+    for warning in comparison.warnings():
+        console.print(warning, style="yellow", markup=False, highlight=False)
     for name, offset in comparison.time_offsets.items():
         console.print(f"{name}: clock offset {1e3 * offset:.1f} ms removed", highlight=False)
     console.print(comparison.conditions + "\n", style="dim", highlight=False)

@@ -25,6 +25,9 @@ from gpvo.evaluation.tables import (
 )
 from gpvo.poses import StampedPoses
 
+STRANGE_ROTATION = 0.35
+"""Radians (20 degrees) off on the median: rather another body frame than an error."""
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -60,6 +63,15 @@ class Comparison:
             global_error_table(rows, self.sequence),
             relative_error_table(rows, self.sequence),
             summary_table(self.evaluations, self.sequence),
+        ]
+
+    def warnings(self) -> list[str]:
+        """What looks wrong."""
+        return [
+            f"{evaluation.name}: orientations are far from the ground truth's, positions aligned;"
+            " if it describes another body than the camera, use --align-body rotation"
+            for evaluation in self.evaluations
+            if evaluation.ate["se3"].rotation.median > STRANGE_ROTATION
         ]
 
     def to_dict(self) -> dict[str, Any]:

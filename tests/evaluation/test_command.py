@@ -107,8 +107,9 @@ def test_another_body_is_pointed_out(random_walk, tmp_path):
     turned = np.diag([-1.0, -1.0, 1.0, 1.0])
     write_tum(tmp_path / "stamped_groundtruth.txt", truth)
     write_tum(tmp_path / "turned.txt", truth.seen_from(turned))
-    _, text = run(tmp_path / "turned.txt")
+    _, text = run(tmp_path / "turned.txt", output=tmp_path / "report")
     assert "--align-body" in text
+    assert "--align-body" in (tmp_path / "report" / "report.html").read_text()
     _, text = run(tmp_path / "turned.txt", protocol=Protocol(align_body="rotation"))
     assert "--align-body" not in text
 
