@@ -144,7 +144,7 @@ class FixedLagSmoother:
             self._final_joint.append(self._joint_covariances(leaving))
             if self._sensor.config.state_interval == 0:
                 start = self._window.states.t[leaving]
-                self._final_deviations.append(self._window.deviations().before(start))
+                self._final_deviations.append(self._window.deviations(start))
             try:
                 self._window = self._window.marginalized(leaving, self._optimum)
             except IndeterminateError as error:

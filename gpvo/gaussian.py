@@ -91,8 +91,10 @@ class Quadratic:
         if wrong.any():
             raise IndeterminateError(int(np.argmax(wrong)))
         scale = 1 / np.sqrt(diagonal)
-        scaled = np.asfortranarray(self.H * scale[:, None] * scale)
-        lower, info = lapack.dpotrf(scaled, lower=1, overwrite_a=1)
+        scaled = self.H * scale
+        scaled *= scale[:, None]
+        # The transpose of a symmetric matrix is itself, in the order of LAPACK.
+        lower, info = lapack.dpotrf(scaled.T, lower=1, overwrite_a=1)
         if info > 0:
             raise IndeterminateError(info - 1)
         small = ~(np.diagonal(lower) > SMALLEST_PIVOT)

@@ -121,9 +121,12 @@ class LagWindow:
             repairs += repairs_of(dropped, "indeterminate: landmark left out")
             window = window.without(lost)
 
-    def deviations(self) -> Deviations:
-        """Those of the states at unique times."""
-        return self._cost().deviations(Variables(self.states, self.landmarks))
+    def deviations(self, stop: float = np.inf) -> Deviations:
+        """Those of the states at unique times before `stop`."""
+        cost = self._cost()
+        early = cost.measurements[cost.measurements.t < stop]
+        variables = Variables(self.states, self.landmarks)
+        return replace(cost, measurements=early).deviations(variables)
 
     def without(self, numbers: Index) -> LagWindow:
         """Without landmarks of these numbers and all that was measured of them."""

@@ -45,10 +45,6 @@ class Deviations:
     t: Array = field(default_factory=lambda: np.empty(0))
     local: Array = field(default_factory=lambda: np.empty((0, 12)))
 
-    def before(self, stop: float) -> Deviations:
-        """Those at times before `stop`."""
-        return Deviations(self.t[self.t < stop], self.local[self.t < stop])
-
     def merged(self, states: States) -> States:
         """The key states, and between them those that deviate."""
         before, after = bracket(states.t, self.t)
@@ -128,11 +124,13 @@ class Bridge:
 
     def add_normal(self, H: Array, g: Array) -> None:
         """Add what the measurements tell of the key states and landmarks."""
-        used, place = np.unique(self.columns, return_inverse=True)
+        landmark, place = np.unique(self.columns[:, 24], return_inverse=True)
+        used = np.append(self.columns[0, :24], (landmark[:, None] + np.arange(3)).ravel())
         m = len(self.rows)
         dense = np.zeros((3 * m, len(used) + 1))
         lines = np.arange(3 * m).reshape(m, 3, 1)
-        dense[lines, place.reshape(m, 1, -1)] = self.rows[..., :-1]
+        dense[:, :24] = self.rows[..., :24].reshape(3 * m, 24)
+        dense[lines, 24 + 3 * place[:, None, None] + np.arange(3)] = self.rows[..., 24:27]
         dense[:, -1] = self.rows[..., -1].ravel()
         white, _ = lapack.dtrtrs(self._root, dense, lower=1)
         H[np.ix_(used, used)] += white[:, :-1].T @ white[:, :-1]

@@ -32,7 +32,10 @@ class Optimum:
 
 
 def minimize(cost: WindowCost, variables: Variables, config: EstimatorConfig) -> Optimum:
-    """Minimize by Gauss-Newton until the cost changes by less than `relative_decrease`.
+    """Minimize by Gauss-Newton until the cost is what its quadratic approximation predicted.
+
+    If both differ by less than `relative_decrease`, another step would gain no more than that. The
+    paper takes that step to see it.
 
     Raises
     ------
@@ -47,12 +50,13 @@ def minimize(cost: WindowCost, variables: Variables, config: EstimatorConfig) ->
         cost = replace(cost, loss=loss)
         linearized = cost.linearization_point(variables)
         quadratic = cost.quadratic(linearized)
-        variables = linearized.moved(quadratic.minimum())
-        previous, value = value, cost.value(variables)
+        step = quadratic.minimum()
+        variables, predicted = linearized.moved(step), quadratic.cost(step)
+        value = cost.value(variables)
         if not np.isfinite(value):
             raise IndeterminateError(_lost(cost, variables))
         loss = cost.loss.less_convex()
-        if loss == cost.loss and abs(previous - value) <= config.relative_decrease * value:
+        if loss == cost.loss and abs(predicted - value) <= config.relative_decrease * value:
             break
     if value > 2 * start + len(cost.measurements):
         raise IndeterminateError(0)
