@@ -36,9 +36,7 @@ Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all random choice
 Calibration = Annotated[Path | None, typer.Option(help="kalibr camchain (YAML).")]
 AnyCalibration = Annotated[
     Path | None,
-    typer.Option(
-        help="kalibr, DSEC, basalt, CameraInfo or M3ED; if not in or beside the recording."
-    ),
+    typer.Option(help="kalibr, DSEC, basalt, CameraInfo, M3ED; if not in or beside it."),
 ]
 LeftTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the left camera.")]
 RightTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the right camera.")]

@@ -10,7 +10,8 @@ from typing import Literal, get_args
 
 from gpvo.errors import InputError
 from gpvo.recordings.base import Recording
-from gpvo.recordings.writing import RecordingWriter, stamped, write_camchain
+from gpvo.recordings.unknown import UNKNOWN_RIG
+from gpvo.recordings.writing import RecordingWriter, Size, stamped, write_camchain
 from gpvo.recordings.writing_aedat4 import Aedat4Writer
 from gpvo.recordings.writing_hdf5 import DsecWriter, MvsecWriter
 from gpvo.recordings.writing_messages import McapWriter, RosBag1Writer
@@ -43,7 +44,8 @@ def convert(
 ) -> tuple[int, int]:
     """Write a recording in another format.
 
-    The calibration is written beside it as a kalibr camchain, where `open_recording` finds it.
+    The calibration is written beside it as a kalibr camchain, where `open_recording` finds it;
+    a recording opened with UNKNOWN_RIG is written without one.
 
     Parameters
     ----------
@@ -69,14 +71,16 @@ def convert(
     if kind not in WRITERS:
         raise InputError(f"--to {kind}: is unknown; choose one of {', '.join(get_args(Kind))}")
     calibration = camchain_path(output, kind)
-    for path in (output, calibration):
+    calibrated = recording.rig is not UNKNOWN_RIG
+    for path in (output, calibration) if calibrated else (output,):
         if path.exists():
             raise InputError(f"{path}: exists; name another output or remove it")
     part = output.with_name(output.name + ".part")
     try:
         counts = _write(recording, part, WRITERS[kind], advance)
         part.rename(output)
-        write_camchain(calibration, recording.rig)
+        if calibrated:
+            write_camchain(calibration, recording.rig)
     except OSError as error:
         raise InputError(f"{output}: cannot be written ({error.strerror or error})") from error
     finally:
@@ -108,13 +112,22 @@ def _write(
     _remove(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     left_count = right_count = 0
-    with writer(path, recording.rig, recording.start_ns) as opened:
+    with writer(path, sensor_sizes(recording), recording.start_ns) as opened:
         for slab in recording.slabs():
             left, right = (stamped(side, recording.start_ns) for side in (slab.left, slab.right))
             opened.append(left, right)
             left_count, right_count = left_count + len(left), right_count + len(right)
             advance(slab.stop)
     return left_count, right_count
+
+
+def sensor_sizes(recording: Recording) -> tuple[Size, Size]:
+    """(width, height) of both cameras; zeros where neither calibration nor file has them."""
+    if recording.rig is not UNKNOWN_RIG:
+        return recording.rig.left.resolution, recording.rig.right.resolution
+    streams = getattr(recording, "streams", {})
+    left, right = (streams[side].resolution if streams else None for side in ("left", "right"))
+    return left or (0, 0), right or (0, 0)
 
 
 def _remove(path: Path) -> None:

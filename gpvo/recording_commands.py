@@ -11,7 +11,6 @@ from rich.progress import Progress
 
 from gpvo.convert import camchain_path, convert, kind_of
 from gpvo.info import open_for_info, summarise
-from gpvo.recordings.opening import open_recording
 
 
 def info_command(
@@ -38,12 +37,13 @@ def convert_command(
 ) -> None:
     """Write a recording in another format and print how many events it has."""
     kind = kind or kind_of(output)
-    recording = open_recording(path, calibration, left, right)
+    recording, calibrated = open_for_info(path, calibration, left, right)
     with progress(console, recording.duration) as advance:
         counts = convert(recording, output, kind, advance)
+    place = f"in {camchain_path(output, kind)}" if calibrated else "none found"
     console.print(
         f"{output} ({kind}): {counts[0]:,} left and {counts[1]:,} right events;"
-        f" calibration in {camchain_path(output, kind)}",
+        f" calibration {place}",
         soft_wrap=True,
         highlight=False,
     )

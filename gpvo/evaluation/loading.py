@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection
 from pathlib import Path
 
 import h5py
@@ -9,14 +11,25 @@ import numpy as np
 
 from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
+from gpvo.evaluation.body_frames import body_to_left, raw_to_rectified
 from gpvo.evaluation.continuous import ContinuousPoses
 from gpvo.evaluation.rosbag import read_pose_bag
 from gpvo.poses import StampedPoses
+from gpvo.recordings.rosbag1 import RosBag1, is_rosbag1
 from gpvo.trajectory import Trajectory
 from gpvo.tum import parse_tum
 
 KITTI_FRAME_NS = 100_000_000
 """KITTI's cameras run at 10 Hz; used where no times.txt stands beside the poses."""
+
+MVSEC_TOPIC = "/davis/left/pose"
+"""Of the several that MVSEC's ground truth bags hold."""
+
+LARGEST_STEP = 100.0
+"""Seconds between poses; larger steps are microseconds."""
+
+LONGEST_HEADING = 2
+"""Lines."""
 
 TRAJECTORY_NAMES = ("trajectory.npz", "trajectory.tum", "stamped_traj_estimate.txt")
 """What `gpvo run` and rpg_trajectory_evaluation call the estimate in a folder, best first."""
@@ -32,13 +45,15 @@ def load_poses(path: Path | str, rig: StereoRig | None = None) -> StampedPoses:
         (several: append ":/topic" to the name), a continuous trajectory that `gpvo run` saved
         (.npz), or a folder with one of TRAJECTORY_NAMES in it.
     rig
-        Calibration; needed for MVSEC, whose poses are those of the raw left camera.
+        Calibration; needed for MVSEC, whose poses are those of the raw left camera, and for
+        TUM-VIE and VECtor, whose poses are those of a body.
 
     Returns
     -------
     StampedPoses
-        T_world_cam as the file holds it; for MVSEC, of the rectified left camera. A continuous
-        trajectory gives `ContinuousPoses`.
+        T_world_cam as the file holds it; for MVSEC, of the rectified left camera, and so for
+        DSEC, TUM-VIE and VECtor where the calibration files that tell the chain lie beside the
+        poses. A continuous trajectory gives `ContinuousPoses`.
 
     Raises
     ------
@@ -50,13 +65,36 @@ def load_poses(path: Path | str, rig: StereoRig | None = None) -> StampedPoses:
         raise InputError(f"{path}: no such file or folder")
     if file.is_dir() and not (file / "metadata.yaml").exists():
         file = find_trajectory(file)
-    if file.is_dir() or file.suffix in (".bag", ".db3", ".mcap"):
-        return read_pose_bag(file, topic)
     if file.suffix == ".npz":
         return ContinuousPoses.of(Trajectory.load(file))
     if h5py.is_hdf5(file):
         return read_mvsec_poses(file, rig)
-    return read_text_poses(file)
+    if not (file.is_dir() or file.suffix in (".bag", ".db3", ".mcap")):
+        return _of_left_camera(read_text_poses(file), file, rig)
+    if topic is None and file.name.endswith("_gt.bag") and MVSEC_TOPIC in _topics(file):
+        return _rectified(read_pose_bag(file, MVSEC_TOPIC), rig, file)
+    return _of_left_camera(read_pose_bag(file, topic), file, rig)
+
+
+def _topics(file: Path) -> Collection[str]:
+    """Topics of a ROS 1 bag; none of other files."""
+    return RosBag1(file).topics if is_rosbag1(file) else ()
+
+
+def _of_left_camera(poses: StampedPoses, file: Path, rig: StereoRig | None) -> StampedPoses:
+    """Poses of the left camera, given those of the body that a dataset tracks."""
+    T_body_left = body_to_left(file, rig)
+    return poses if T_body_left is None else poses.seen_from(T_body_left)
+
+
+def _rectified(poses: StampedPoses, rig: StereoRig | None, path: Path) -> StampedPoses:
+    """Poses of the rectified left camera, given those of the raw one."""
+    if rig is None:
+        raise InputError(
+            f"{path}: holds poses of the raw left camera; give the calibration (--calibration)"
+            " that rectifies it"
+        )
+    return poses.seen_from(raw_to_rectified(rig))
 
 
 def _split_topic(path: Path) -> tuple[Path, str | None]:
@@ -75,15 +113,39 @@ def find_trajectory(folder: Path) -> Path:
 
 
 def read_text_poses(path: Path) -> StampedPoses:
-    """Read a TUM (8 numbers a line) or KITTI (12 numbers a line) file."""
+    """Read a TUM (8 numbers a line) or KITTI (12 numbers a line) file.
+
+    Lines that name the columns are skipped. Stamps may be microseconds, as TUM-VIE's are.
+    """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: is not a text file of poses") from error
+    lines = _without_heading(lines)
     rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     if rows and len(rows[0]) == 12:
         return _read_kitti(path, lines)
+    if _in_microseconds(rows):
+        lines = [re.sub(r"^(\s*[\d.]+)", r"\1e-6", line) for line in lines]
     return parse_tum(lines, str(path))
+
+
+def _without_heading(lines: list[str]) -> list[str]:
+    """Comment out lines of words before the numbers, as TUM-VIE and VECtor have them."""
+    for number, line in enumerate(lines[:LONGEST_HEADING]):
+        if re.match(r"\s*[-+.\d]", line):
+            break
+        lines[number] = "# " + line
+    return lines
+
+
+def _in_microseconds(rows: list[list[str]]) -> bool:
+    """Whether poses follow each other in steps that would be minutes if they were seconds."""
+    try:
+        stamps = [float(row[0]) for row in rows[:100]]
+    except ValueError:
+        return False
+    return len(stamps) > 1 and float(np.median(np.diff(stamps))) > LARGEST_STEP
 
 
 def _read_kitti(path: Path, lines: list[str]) -> StampedPoses:
@@ -113,11 +175,6 @@ def _kitti_stamps(path: Path, count: int) -> np.ndarray:
 
 def read_mvsec_poses(path: Path, rig: StereoRig | None) -> StampedPoses:
     """T_world_cam of the rectified left camera from davis/left/pose of an MVSEC ground truth."""
-    if rig is None:
-        raise InputError(
-            f"{path}: holds poses of the raw left camera; give the calibration (--calibration)"
-            " that rectifies it"
-        )
     try:
         with h5py.File(path) as file:
             T_world_raw = file["davis/left/pose"][:].astype(np.float64)
@@ -126,8 +183,6 @@ def read_mvsec_poses(path: Path, rig: StereoRig | None) -> StampedPoses:
         raise InputError(f"{path}: holds no readable davis/left/pose and pose_ts") from error
     if not np.isfinite(seconds).all():
         raise InputError(f"{path}: davis/left/pose_ts holds numbers that are not finite")
-    T_raw_rect = np.eye(4)
-    T_raw_rect[:3, :3] = rig.left.R_rect.T
     stamps_ns = np.round(seconds * 1e9).astype(np.int64)
     poses = StampedPoses.read_from(f"{path}: davis/left/pose", stamps_ns, T_world_raw)
-    return poses.seen_from(T_raw_rect)
+    return _rectified(poses, rig, path)

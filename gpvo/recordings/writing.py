@@ -15,6 +15,7 @@ from gpvo.recordings.base import Events
 from gpvo.recordings.streams import EventBlock
 
 SIDES = ("left", "right")
+Size = tuple[int, int]
 
 
 class RecordingWriter(ABC):
@@ -24,14 +25,14 @@ class RecordingWriter(ABC):
     ----------
     path
         Must not exist yet.
-    rig
-        For the sensors' sizes.
+    sizes
+        (width, height) of the left and the right sensor; zeros if unknown.
     start_ns
         Absolute stamp of the first event of either camera.
     """
 
     @abstractmethod
-    def __init__(self, path: Path, rig: StereoRig, start_ns: int) -> None: ...
+    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None: ...
 
     @abstractmethod
     def append(self, left: EventBlock, right: EventBlock) -> None:

@@ -8,10 +8,9 @@ from pathlib import Path
 import lz4.frame
 import numpy as np
 
-from gpvo.calibration import StereoRig
 from gpvo.recordings.aedat4 import EVENT, MAGIC
 from gpvo.recordings.streams import EventBlock
-from gpvo.recordings.writing import SIDES, RecordingWriter, microseconds
+from gpvo.recordings.writing import SIDES, RecordingWriter, Size, microseconds
 
 LZ4 = 1
 PACKET_EVENTS = 1 << 15
@@ -40,11 +39,11 @@ HEADER = """<dv version="2.0">
 class Aedat4Writer(RecordingWriter):
     """Streams `left` and `right`, packed with LZ4; without the table of packets at the end."""
 
-    def __init__(self, path: Path, rig: StereoRig, start_ns: int) -> None:
-        cameras = zip(SIDES, (rig.left, rig.right), strict=True)
+    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
+        cameras = zip(SIDES, sizes, strict=True)
         streams = "".join(
-            STREAM.format(number=number, name=side, width=size[0], height=size[1])
-            for number, (side, size) in enumerate((side, cam.resolution) for side, cam in cameras)
+            STREAM.format(number=number, name=side, width=width, height=height)
+            for number, (side, (width, height)) in enumerate(cameras)
         )
         self._file = path.open("wb")
         self._file.write(MAGIC + io_header(HEADER.format(streams=streams), LZ4))

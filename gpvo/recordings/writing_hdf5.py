@@ -9,9 +9,8 @@ import hdf5plugin
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.calibration import StereoRig
 from gpvo.recordings.streams import EventBlock
-from gpvo.recordings.writing import SIDES, RecordingWriter, microseconds
+from gpvo.recordings.writing import SIDES, RecordingWriter, Size, microseconds
 
 CHUNK_ROWS = 1 << 16
 
@@ -19,7 +18,7 @@ CHUNK_ROWS = 1 << 16
 class MvsecWriter(RecordingWriter):
     """davis/{left,right}/events, (N, 4) float64: x, y, seconds, polarity -1 or 1."""
 
-    def __init__(self, path: Path, rig: StereoRig, start_ns: int) -> None:
+    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
         self._file = h5py.File(path, "w")
         self._tables = [
             self._file.create_dataset(
@@ -48,7 +47,7 @@ class MvsecWriter(RecordingWriter):
 class DsecWriter(RecordingWriter):
     """A folder with events/{left,right}/events.h5: columns, t_offset and ms_to_idx."""
 
-    def __init__(self, path: Path, rig: StereoRig, start_ns: int) -> None:
+    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
         offset_us = start_ns // 1000
         self._files = [_DsecFile(path / "events" / side / "events.h5", offset_us) for side in SIDES]
 

@@ -11,10 +11,9 @@ from mcap.writer import Writer as McapLibraryWriter
 from rosbags.rosbag1 import Writer as Rosbag1LibraryWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from gpvo.calibration import StereoRig
 from gpvo.recordings.messages import CDR_EVENT, ROS1_EVENT
 from gpvo.recordings.streams import EventBlock
-from gpvo.recordings.writing import RecordingWriter
+from gpvo.recordings.writing import RecordingWriter, Size
 
 PACKET_NS = 1_000_000
 """A message each millisecond, as trackers that run in ROS expect."""
@@ -47,8 +46,8 @@ bool polarity
 class RosBag1Writer(RecordingWriter):
     """A ROS 1 bag with /davis/left/events and /davis/right/events."""
 
-    def __init__(self, path: Path, rig: StereoRig, start_ns: int) -> None:
-        self._sizes = rig.left.resolution, rig.right.resolution
+    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
+        self._sizes = sizes
         self._writer = Rosbag1LibraryWriter(path)
         self._writer.open()
         types = get_typestore(Stores.ROS1_NOETIC)
@@ -72,8 +71,8 @@ class RosBag1Writer(RecordingWriter):
 class McapWriter(RecordingWriter):
     """An MCAP file with ROS 2 messages on /davis/left/events and /davis/right/events."""
 
-    def __init__(self, path: Path, rig: StereoRig, start_ns: int) -> None:
-        self._sizes = rig.left.resolution, rig.right.resolution
+    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
+        self._sizes = sizes
         self._file = path.open("wb")
         self._writer = McapLibraryWriter(self._file)
         self._writer.start(profile="ros2", library="gpvo")

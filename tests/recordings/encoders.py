@@ -98,6 +98,7 @@ def raw_file(path: Path, words: np.ndarray) -> Path:
     """A Prophesee raw file."""
     version = "3.0" if words.itemsize == 2 else "2.0"
     header = f"% date 2026-01-01 00:00:00\n% evt {version}\n% geometry {WIDTH}x{HEIGHT}\n% end\n"
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(header.encode() + words.tobytes())
     return path
 

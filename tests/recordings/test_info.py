@@ -1,0 +1,131 @@
+"""`gpvo info` and `gpvo convert`: what they tell and write, and one line for bad input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_files import event_arrays, types, write_rosbag1
+from encoders import START_NS, column_file, event_block, evt3_words, raw_file, shifted
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reading import assert_recording_holds
+from typer.testing import CliRunner
+
+from gpvo.cli import app
+from gpvo.errors import InputError
+from gpvo.info import open_for_info, summarise
+from gpvo.recordings import open_recording
+from gpvo.recordings.streams import EventBlock
+from gpvo.recordings.synchrony import clock_offset
+
+LEFT, RIGHT = event_block(900, 1, seconds=0.3), event_block(800, 2, seconds=0.3)
+
+
+def invoke(*arguments: object) -> str:
+    """Standard output of a command; InputError passes through."""
+    result = CliRunner(env={"COLUMNS": "200"}).invoke(app, [str(one) for one in arguments])
+    if isinstance(result.exception, InputError):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_info_of_a_bag(tmp_path: Path, calibration: Path) -> None:
+    store = types(True)
+    late = shifted(RIGHT, 200_000_000)
+    right = EventBlock.concatenate([RIGHT[RIGHT.t_ns < START_NS + 100_000_000], late])
+    messages = event_arrays(store, "/davis/left/events", LEFT, True)
+    messages += event_arrays(store, "/davis/right/events", right, True)
+    path = write_rosbag1(tmp_path / "a.bag", messages)
+    (tmp_path / "groundtruth.txt").write_text(
+        "1500000000.1 0 0 0 0 0 0 1\n1500000000.3 1 0 0 0 0 0 1\n"
+    )
+    output = invoke("info", path, "--calibration", calibration)
+    for fact in ("ROS 1 bag", "64 x 48", "0.100001 m", "900", f"{len(right):,}"):
+        assert fact in output
+    assert "1, longest 0.1" in output
+    assert "groundtruth.txt: 2 poses from -0.02" in output
+
+
+def test_info_tells_of_faults(tmp_path: Path, calibration: Path) -> None:
+    x, t = LEFT.x.copy(), (LEFT.t_ns - START_NS) // 1000 + 5
+    x[7], t[500] = 900, 3_000_000_000
+    changes = {"events/x": x, "events/t": t.astype(np.uint32), "ms_to_idx": None}
+    column_file(tmp_path / "left.h5", LEFT, **changes)
+    column_file(tmp_path / "right.h5", RIGHT)
+    output = invoke("info", tmp_path, "--calibration", calibration)
+    assert "left.h5: events: 1 events outside the sensor were left out" in output
+    assert "1 events with stamps that do not fit to those around them were left out" in output
+    assert "warning" not in invoke(
+        "info", write_clean(tmp_path / "clean"), "--calibration", calibration
+    )
+
+
+def write_clean(folder: Path) -> Path:
+    for side, block in (("left", LEFT), ("right", RIGHT)):
+        column_file(folder / f"{side}.h5", block)
+    return folder
+
+
+def test_info_and_convert_without_a_calibration(tmp_path: Path, calibration: Path) -> None:
+    for side, block in (("left", LEFT), ("right", RIGHT)):
+        raw_file(tmp_path / f"raw/{side}.raw", evt3_words(shifted(block, -START_NS)))
+    folder = tmp_path / "raw"
+    calibration.rename(tmp_path / "elsewhere")
+    output = invoke("info", folder)
+    assert "none found" in output and "64 x 48" in output
+    output = invoke("convert", folder, tmp_path / "out/a.bag")
+    assert "900 left and 800 right events; calibration none found" in output
+    converted, calibrated = open_for_info(tmp_path / "out/a.bag", None, None, None)
+    assert not calibrated
+    assert_recording_holds(converted, shifted(LEFT, -START_NS), shifted(RIGHT, -START_NS))
+
+
+@pytest.mark.parametrize(("to", "name"), [(None, "a.mcap"), ("dsec", "sequence"), ("aedat4", "x")])
+def test_convert(tmp_path: Path, calibration: Path, to: str | None, name: str) -> None:
+    options = ["--to", to] if to else []
+    source = write_clean(tmp_path / "source")
+    invoke("convert", source, tmp_path / "out" / name, "--calibration", calibration, *options)
+    assert_recording_holds(open_recording(tmp_path / "out" / name), LEFT, RIGHT)
+    with pytest.raises(InputError, match="exists"):
+        invoke("convert", source, tmp_path / "out" / name, *options)
+
+
+def bursts(seed: int) -> np.ndarray:
+    """Rates of a moving scene, a second of milliseconds."""
+    rng = np.random.default_rng(seed)
+    return 30 + 20 * np.sin(np.cumsum(rng.normal(0, 0.3, 1500)))
+
+
+@settings(deadline=None, max_examples=25)
+@given(offset=st.integers(-150, 150), seed=st.integers(0, 50))
+def test_clock_offset_is_found(offset: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rate = bursts(seed)
+    left, right = rng.poisson(rate[200:1200]), rng.poisson(rate[200 - offset : 1200 - offset])
+    found = clock_offset(left, right)
+    if abs(offset) < 3:
+        assert found is None
+    elif abs(offset) > 10:
+        assert found == pytest.approx(offset / 1000, abs=0.002)
+
+
+def test_no_offset_without_a_sign_of_one() -> None:
+    rng = np.random.default_rng(0)
+    assert clock_offset(rng.poisson(20, 1000), rng.poisson(20, 1000)) is None
+    assert clock_offset(np.zeros(1000, int), np.ones(1000, int)) is None
+    assert clock_offset(np.zeros(0, int), np.ones(3, int)) is None
+
+
+def test_an_offset_is_reported(tmp_path: Path, calibration: Path) -> None:
+    rng = np.random.default_rng(1)
+    counts = rng.poisson(bursts(2) / 10)
+    t_ns = START_NS + 1_000_000 * np.repeat(np.arange(1500), counts) + 500_000
+    x = np.zeros(len(t_ns), np.uint16)
+    block = EventBlock(x, x, t_ns, x > 0)
+    column_file(tmp_path / "left.h5", block)
+    column_file(tmp_path / "right.h5", shifted(block, 40_000_000))
+    summary = summarise(open_recording(tmp_path, calibration))
+    assert any("seem to be +0.040 s late" in warning for warning in summary.warnings)
