@@ -84,6 +84,13 @@ class FixedLagSmoother:
             states = deviations.merged(states)
         return Trajectory.of_states(states, knots, self._sensor.noise, start_ns)
 
+    @property
+    def stored_bytes(self) -> int:
+        """Size of the final estimates and their covariances."""
+        states = sum(s.t.nbytes + s.T_world_cam.nbytes + s.twist.nbytes for s in self._final)
+        deviations = sum(d.t.nbytes + d.local.nbytes for d in self._final_deviations)
+        return states + deviations + sum(joint.nbytes for joint in self._final_joint)
+
     def _deviations(self) -> Iterator[Deviations]:
         """Of the states at unique times, if these are asked for."""
         if self._window is not None and self._sensor.config.state_interval == 0:

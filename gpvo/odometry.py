@@ -5,37 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from factors import StereoCamera
 from gpvo.calibration import StereoRig
 from gpvo.clustering import StereoCluster, cluster_events
-from gpvo.config import Configuration, EstimatorConfig, NoiseConfig
+from gpvo.config import Configuration
 from gpvo.errors import InputError
-from gpvo.fixed_lag import FixedLagSmoother
-from gpvo.incremental import IncrementalSmoother
-from gpvo.mc_ransac import VelocityFit, mc_ransac
+from gpvo.estimators import make_estimator
+from gpvo.mc_ransac import mc_ransac
 from gpvo.recordings.base import Recording
-from gpvo.sliding_window import SlidingWindow
 from gpvo.tracking import MultiResolutionTracker
-from gpvo.tracklets import Measurements, Tracklets
+from gpvo.tracklets import Tracklets
 from gpvo.trajectory import Trajectory
-
-
-class Estimator(Protocol):
-    """Turns inlier measurements into states of a continuous trajectory."""
-
-    def update(
-        self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
-    ) -> None:
-        """Take what cluster number `frame`, which ended at `stop` seconds, added."""
-        ...
-
-    def trajectory(self, start_ns: int) -> Trajectory | None:
-        """The trajectory so far; None before the first measurement."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -86,13 +70,15 @@ class Odometry:
         self.reports: list[ClusterReport] = []
         self._rig = rig
         self._stage = stage
-        self._camera = StereoCamera(
+        self.camera = StereoCamera(
             rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
         )
         self._tracker = MultiResolutionTracker(self.configuration.tracking)
         self._tracklets = Tracklets(self.configuration.tracklets)
         self._rng = np.random.default_rng(self.configuration.seed)
-        self._estimator = self._make_estimator()
+        self.estimator = make_estimator(
+            self.camera, self.configuration.noise, self.configuration.estimator
+        )
 
     def run(
         self,
@@ -134,7 +120,7 @@ class Odometry:
         with self._stage("outlier rejection"):
             fit = mc_ransac(
                 segments,
-                self._camera,
+                self.camera,
                 np.diag(self.configuration.noise.measurement_information),
                 self.configuration.mc_ransac,
                 self._rng,
@@ -143,7 +129,7 @@ class Odometry:
             self._tracklets.reject(np.setdiff1d(landmarks, inliers))
         with self._stage("estimation"):
             measurements = self._tracklets.take(inliers)
-            self._estimator.update(len(self.reports), cluster.stop, measurements, fit)
+            self.estimator.update(len(self.reports), cluster.stop, measurements, fit)
         self.reports.append(
             ClusterReport(
                 cluster.start,
@@ -159,7 +145,7 @@ class Odometry:
 
     def trajectory(self, start_ns: int = 0) -> Trajectory | None:
         """The trajectory so far; None before the first measurement."""
-        return self._estimator.trajectory(start_ns)
+        return self.estimator.trajectory(start_ns)
 
     def _staged(self, name: str, clusters: Iterator[StereoCluster]) -> Iterator[StereoCluster]:
         """The same clusters, each made within a stage."""
@@ -169,12 +155,3 @@ class Odometry:
             if cluster is None:
                 return
             yield cluster
-
-    def _make_estimator(self) -> Estimator:
-        config = self.configuration.estimator
-        methods: dict[str, Callable[[StereoCamera, NoiseConfig, EstimatorConfig], Estimator]] = {
-            "fixed_lag": FixedLagSmoother,
-            "incremental": IncrementalSmoother,
-            "batch": SlidingWindow,
-        }
-        return methods[config.method](self._camera, self.configuration.noise, config)

@@ -62,30 +62,43 @@ class TrackletSimulation:
             xi = dt * twist[-1] + deviation[:6]
             T.append(T[-1] @ se3_exp(xi))
             twist.append(se3_right_jacobian(xi) @ (twist[-1] + deviation[6:]))
-        return States(dt * np.arange(len(T)), np.array(T), np.array(twist))
+        t = dt * np.arange(len(T), dtype=np.float64)
+        return States(t, np.array(T), np.array(twist))
 
     def clusters(
         self, motion: States, rng: np.random.Generator
     ) -> Iterator[tuple[float, Measurements]]:
         """The end of each cluster and its measurements, in order of time, microseconds whole."""
-        points, born = np.empty((0, 3)), np.empty(0, np.int64)
+        number, points = np.empty(0, np.int64), np.empty((0, 3))
         for frame in range(int(np.floor(motion.t[-1] / self.period + 1e-9))):
+            first = frame * self.per_cluster
+            number = np.concatenate([number, np.arange(first, first + self.per_cluster)])
             points = np.concatenate([points, self._new_points(frame, motion, rng)])
-            born = np.append(born, np.full(self.per_cluster, frame))
-            landmark = np.flatnonzero(born > frame - self.length)
-            t = np.round((frame + rng.random(len(landmark))) * self.period, 6)
-            T_cam_world = se3_inverse(motion.query(t)[0])
-            local = np.einsum("nij,nj->ni", T_cam_world[:, :3, :3], points[landmark])
-            local += T_cam_world[:, :3, 3]
-            seen = np.flatnonzero(local[:, 2] > 0.1)
-            stereo = self.camera.project(local[seen])
-            inside = ((stereo[:, :2] > 0) & (stereo[:, :2] < IMAGE)).all(axis=1)
-            seen, stereo = seen[inside], stereo[inside]
-            deviation = 1 / np.sqrt(np.array(self.noise.measurement_information))
-            stereo = stereo + deviation * rng.standard_normal(stereo.shape)
-            order = np.argsort(t[seen])
-            found = Measurements(landmark[seen], np.full(len(seen), frame), t[seen], stereo)
-            yield (frame + 1) * self.period, found[order]
+            live = number // self.per_cluster > frame - self.length
+            number, points = number[live], points[live]
+            yield (frame + 1) * self.period, self._measured(frame, number, points, motion, rng)
+
+    def _measured(
+        self,
+        frame: int,
+        number: NDArray[np.int64],
+        points: Array,
+        motion: States,
+        rng: np.random.Generator,
+    ) -> Measurements:
+        """Noisy measurements of the points (N, 3) that are in view at random times."""
+        t = np.sort(np.round((frame + rng.random(len(number))) * self.period, 6))
+        order = rng.permutation(len(number))
+        number, points = number[order], points[order]
+        T_cam_world = se3_inverse(motion.query(t)[0])
+        local = np.einsum("nij,nj->ni", T_cam_world[:, :3, :3], points) + T_cam_world[:, :3, 3]
+        seen = np.flatnonzero(local[:, 2] > 0.1)
+        stereo = self.camera.project(local[seen])
+        inside = ((stereo[:, :2] > 0) & (stereo[:, :2] < IMAGE)).all(axis=1)
+        seen, stereo = seen[inside], stereo[inside]
+        deviation = 1 / np.sqrt(np.array(self.noise.measurement_information))
+        stereo = stereo + deviation * rng.standard_normal(stereo.shape)
+        return Measurements(number[seen], np.full(len(seen), frame), t[seen], stereo)
 
     def _new_points(self, frame: int, motion: States, rng: np.random.Generator) -> Array:
         """(per_cluster, 3) points of the world in view in the middle of a cluster."""

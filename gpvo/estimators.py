@@ -1,0 +1,45 @@
+"""The estimators of section III-C, by the name that the configuration gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from factors import StereoCamera
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.fixed_lag import FixedLagSmoother
+from gpvo.incremental import IncrementalSmoother
+from gpvo.mc_ransac import VelocityFit
+from gpvo.repairs import Repair
+from gpvo.sliding_window import SlidingWindow
+from gpvo.tracklets import Measurements
+from gpvo.trajectory import Trajectory
+
+
+class Estimator(Protocol):
+    """Turns inlier measurements into states of a continuous trajectory.
+
+    What it had to leave out or rebuild is listed in `repairs`.
+    """
+
+    repairs: list[Repair]
+
+    def update(
+        self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
+    ) -> None:
+        """Take what cluster number `frame`, which ended at `stop` seconds, added."""
+        ...
+
+    def trajectory(self, start_ns: int) -> Trajectory | None:
+        """The trajectory so far; None before the first measurement."""
+        ...
+
+
+def make_estimator(camera: StereoCamera, noise: NoiseConfig, config: EstimatorConfig) -> Estimator:
+    """The configured estimator."""
+    methods: dict[str, Callable[[StereoCamera, NoiseConfig, EstimatorConfig], Estimator]] = {
+        "fixed_lag": FixedLagSmoother,
+        "incremental": IncrementalSmoother,
+        "batch": SlidingWindow,
+    }
+    return methods[config.method](camera, noise, config)
