@@ -31,7 +31,7 @@ from benchmarks.simulated_summary import (
 from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation import evaluate
-from gpvo.evaluation.cost import machine
+from gpvo.evaluation.cost import cost_table, machine, total_cost
 from gpvo.evaluation.table_formats import to_markdown, to_rich
 from gpvo.evaluation.tables import ResultTable
 
@@ -62,6 +62,7 @@ def run_case(case: Case, seed: int, configuration: Configuration) -> CaseResult:
         evaluation.relative_error.statistics("se3").rms,
         evaluation.coverage,
         run.cost.real_time_factor,
+        run.cost,
     )
 
 
@@ -151,6 +152,9 @@ def main(
     tables = [summary_table(results)]
     if earlier:
         tables.append(comparison_table(results, earlier))
+    costs = [result.cost for result in results if result.cost is not None]
+    if costs:
+        tables.append(cost_table({"all runs": total_cost(costs)}))
     for table in tables:
         console.print(to_rich(table))
     console.print(machine_text(), style="dim", highlight=False)

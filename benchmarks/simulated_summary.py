@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gpvo.errors import InputError
+from gpvo.evaluation.cost import Cost
 from gpvo.evaluation.tables import Cell, ResultTable
 
 RELEVANT = 0.05
@@ -35,6 +36,8 @@ class CaseResult:
         Part of the recording that has a trajectory, 0 to 1.
     real_time
         Seconds of the recording processed in a second.
+    cost
+        What it cost, by stage.
     failure
         Why there is no trajectory; empty if there is one.
     """
@@ -47,6 +50,7 @@ class CaseResult:
     relative: float = np.nan
     covered: float = 0.0
     real_time: float = np.nan
+    cost: Cost | None = None
     failure: str = ""
 
     def line(self) -> str:
@@ -156,10 +160,12 @@ def read_summary(path: Path) -> list[CaseResult]:
     """
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))["results"]
-        return [CaseResult(**{key: _number(value) for key, value in row.items()}) for row in rows]
+        return [_result(row) for row in rows]
     except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: is no summary of benchmarks.simulated ({error})") from error
 
 
-def _number(value: Any) -> Any:
-    return np.nan if value is None else value
+def _result(row: Mapping[str, Any]) -> CaseResult:
+    fields: dict[str, Any] = {key: np.nan if value is None else value for key, value in row.items()}
+    fields["cost"] = None if row["cost"] is None else Cost(**row["cost"])
+    return CaseResult(**fields)

@@ -97,6 +97,20 @@ class CostMeter:
         )
 
 
+def total_cost(costs: Iterable[Cost]) -> Cost:
+    """Cost of several runs together; memory is that of the largest."""
+    every = list(costs)
+    stages = dict.fromkeys(stage for cost in every for stage in cost.stages)
+    return Cost(
+        recording_seconds=sum(cost.recording_seconds for cost in every),
+        events=sum(cost.events for cost in every),
+        wall_seconds=sum(cost.wall_seconds for cost in every),
+        cpu_seconds=sum(cost.cpu_seconds for cost in every),
+        peak_memory_bytes=max(cost.peak_memory_bytes for cost in every),
+        stages={stage: sum(cost.stages.get(stage, 0.0) for cost in every) for stage in stages},
+    )
+
+
 def peak_memory_bytes() -> int:
     """Largest resident memory of this process so far."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -21,6 +21,7 @@ from benchmarks.simulated_summary import (
     write_summary,
 )
 from gpvo.errors import InputError
+from gpvo.evaluation.cost import Cost
 from gpvo.poses import StampedPoses
 from gpvo.simulation.recording import SimulationConfig
 
@@ -28,6 +29,9 @@ SMALL = SimulationConfig(
     motion="back_and_forth", duration=0.5, resolution=(120, 90), focal_length=83.0
 )
 SUITE = (Case("small", SMALL), Case("still", SMALL.model_copy(update={"motion": "still"})))
+
+
+COST = Cost(0.5, 1000, 1.0, 1.0, 2**20, {"tracking": 0.3})
 
 
 def run(*options: object) -> tuple[list[CaseResult], str]:
@@ -38,7 +42,7 @@ def run(*options: object) -> tuple[list[CaseResult], str]:
 
 def errors(results: list[CaseResult]) -> list[CaseResult]:
     """Without the speed, which is never the same."""
-    return [replace(result, real_time=0.0) for result in results]
+    return [replace(result, real_time=0.0, cost=None) for result in results]
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +68,9 @@ def test_a_run_leaves_a_summary_a_table_and_a_plot(first) -> None:
     assert summary["machine"]["packages"]["gtsam"]
     assert summary["configuration"]["estimator"]["state_interval"] == 0.02
     assert repr(read_summary(folder / "summary.json")) == repr(results)
-    assert "| small |" in (folder / "tables.md").read_text()
+    assert summary["results"][0]["cost"]["stages"]["tracking"] > 0.0
+    text = (folder / "tables.md").read_text()
+    assert "| small |" in text and "| peak memory |" in text
     assert (folder / "simulated.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -96,7 +102,10 @@ def test_unreachable_clusters_and_unknown_cases_are_named(tmp_path: Path) -> Non
 
 
 def test_a_summary_is_read_as_it_was_written(tmp_path: Path) -> None:
-    results = [CaseResult("a", 1, 2.0, 0.1, 0.3, 1e-3, 1.0, 0.5), CaseResult("b", 0, failure="no")]
+    results = [
+        CaseResult("a", 1, 2.0, 0.1, 0.3, 1e-3, 1.0, 0.5, COST),
+        CaseResult("b", 0, failure="no"),
+    ]
     write_summary(tmp_path / "summary.json", results, {})
     assert repr(read_summary(tmp_path / "summary.json")) == repr(results)
 

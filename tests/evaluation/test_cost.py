@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from gpvo.evaluation.cost import Cost, CostMeter, cost_table, machine, peak_memory_bytes
+from gpvo.evaluation.cost import Cost, CostMeter, cost_table, machine, peak_memory_bytes, total_cost
 
 
 def test_stages_add_up_within_the_total():
@@ -34,6 +34,14 @@ def test_factors():
         "peak memory": "1024 MiB",
         "tracking": "5.00 x, 40.0 %",
     }
+
+
+def test_costs_of_several_runs_add_up():
+    one = Cost(10.0, 4_000_000, 5.0, 8.0, 2**30, {"tracking": 2.0})
+    other = Cost(5.0, 1_000_000, 20.0, 12.0, 2**29, {"tracking": 1.0, "estimation": 9.0})
+    stages = {"tracking": 3.0, "estimation": 9.0}
+    assert total_cost([one, other]) == Cost(15.0, 5_000_000, 25.0, 20.0, 2**30, stages)
+    assert total_cost([one]) == one
 
 
 def test_peak_memory_is_in_bytes():
