@@ -8,6 +8,7 @@ Visual Odometry", T-RO 2021.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import nan
 
 from gpvo.evaluation.paper import COMPONENTS, Component, PaperStatistics
@@ -31,8 +32,8 @@ def _row(
     return ErrorRow(f"{name} (published)", _by_component(globals_), _by_component(relatives))
 
 
-def _by_component(statistics: object) -> dict[Component, PaperStatistics]:
-    return dict(zip(COMPONENTS, statistics, strict=True))  # type: ignore[call-overload]
+def _by_component(statistics: Iterable[PaperStatistics]) -> dict[Component, PaperStatistics]:
+    return dict(zip(COMPONENTS, statistics, strict=True))
 
 
 PAPER_ROWS: dict[str, list[ErrorRow]] = {
