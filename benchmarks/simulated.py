@@ -1,7 +1,7 @@
 """Accuracy and speed on simulated recordings, several seeds of each kind.
 
 python -m benchmarks.simulated [--cases NAME ...] [--seeds N] [--jobs N] [--scheduler ADDRESS]
-    [--output DIR] [--against SUMMARY]
+    [--duration SECONDS] [--output DIR] [--against SUMMARY]
 """
 
 from __future__ import annotations
@@ -117,6 +117,7 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="some of the suite")
     parser.add_argument("--seeds", type=int, default=3, help="runs of each case")
+    parser.add_argument("--duration", type=float, help="seconds, for shorter recordings")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes at once")
     parser.add_argument("--scheduler", help="address of a Dask scheduler, to run there")
     parser.add_argument("--config", type=Path, help="configuration (YAML), see `gpvo config`")
@@ -145,6 +146,8 @@ def main(
     if options.seeds < 1 or options.jobs < 1:
         raise InputError("--seeds and --jobs: give 1 or more")
     cases = chosen(all_cases() if suite is None else suite, options.cases)
+    if options.duration is not None:
+        cases = [case.shorter(options.duration) for case in cases]
     earlier = read_summary(options.against) if options.against else []
     configuration = configuration_of(options)
     with workers(options.jobs, options.scheduler) as executor:
@@ -159,7 +162,11 @@ def main(
         console.print(to_rich(table))
     console.print(machine_text(), style="dim", highlight=False)
     if options.output is not None:
-        facts = {"machine": machine(), "configuration": configuration.model_dump(mode="json")}
+        facts = {
+            "machine": machine(),
+            "configuration": configuration.model_dump(mode="json"),
+            "simulations": {case.name: case.config.model_dump(mode="json") for case in cases},
+        }
         write(options.output, results, earlier, tables, facts)
     return results
 

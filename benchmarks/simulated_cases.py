@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from gpvo.errors import InputError
 from gpvo.evaluation.loading import load_poses
 from gpvo.poses import StampedPoses
 from gpvo.simulation.motion import Motion
@@ -43,6 +44,13 @@ class Case:
         config = self.config.model_copy(update={"seed": seed})
         motion = None if self.flight is None else Motion.through(self.flight)
         return simulate(config, motion=motion)
+
+    def shorter(self, duration: float) -> Case:
+        """The case for at most so many seconds."""
+        if not duration > 0.0:
+            raise InputError(f"--duration {duration:g}: give a positive number of seconds")
+        shorter = min(duration, self.config.duration)
+        return replace(self, config=self.config.model_copy(update={"duration": shorter}))
 
 
 def _case(name: str, **changes: object) -> Case:

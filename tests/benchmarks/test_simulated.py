@@ -91,6 +91,8 @@ def test_a_dask_cluster_gives_the_same_and_comparison_shows_it(first) -> None:
 def test_unreachable_clusters_and_unknown_cases_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="known are small, still"):
         run("--cases", "smal")
+    with pytest.raises(InputError, match="--duration"):
+        run("--duration", 0)
     with pytest.raises(InputError, match="--seeds and --jobs"):
         run("--seeds", 0)
     (tmp_path / "summary.json").write_text("[]")
@@ -133,8 +135,8 @@ def test_real_flights_are_flown(shared_reference: Path) -> None:
     """The simulated camera passes through the real poses, rid of where the room was."""
     flights = [case for case in all_cases(shared_reference) if case.name in FLIGHTS]
     assert len(flights) == 2
-    short = SMALL.model_copy(update={"duration": 0.3})
-    recording = replace(flights[0], config=short).recording(seed=5)
+    recording = replace(flights[0], config=SMALL).shorter(0.3).recording(seed=5)
+    assert recording.duration <= 0.3
     flight, truth = flights[0].flight, recording.ground_truth
     assert isinstance(flight, StampedPoses)
     np.testing.assert_allclose(truth.T_world_cam[::20], flight.T_world_cam[:4], atol=1e-9)
