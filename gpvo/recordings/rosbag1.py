@@ -65,6 +65,7 @@ class RosBag1(MessageLog):
     def __post_init__(self) -> None:
         self._chunks: list[_Chunk] = []
         self._numbers: dict[str, set[int]] = {}
+        self._known_headers: dict[bytes, int] = {}
         with self.path.open("rb") as file:
             self._walk(file)
             if not self.topics:
@@ -130,11 +131,26 @@ class RosBag1(MessageLog):
             chunk.connections = None
             try:
                 data = _unpacked(file, chunk)
-                for header, start, stop in _records(data):
+                for packed, start, stop in _records(data):
+                    header = _fields(packed)
                     if _operation(header) == CONNECTION:
                         self._connection(header, data[start:stop])
             except (DamagedChunkError, DamagedRecordError):
                 continue
+
+    def _connection_of(self, header: bytes) -> int:
+        """Connection of a message, -1 of other records.
+
+        Headers of messages differ in nothing but their times, so that each kind is parsed once.
+        """
+        at = header.find(b"time=")
+        kind = header[: at + 5] + header[at + 13 :]
+        number = self._known_headers.get(kind)
+        if number is None:
+            fields = _fields(header)
+            number = _u4(fields, b"conn") if _operation(fields) == MESSAGE else -1
+            self._known_headers[kind] = number
+        return number
 
     def _messages_of(
         self, file: BinaryIO, chunk: _Chunk, wanted: set[int], faults: Faults
@@ -143,7 +159,7 @@ class RosBag1(MessageLog):
             data = _unpacked(file, chunk)
             view = memoryview(data)
             for header, start, stop in _records(data):
-                if _operation(header) == MESSAGE and _u4(header, b"conn") in wanted:
+                if self._connection_of(header) in wanted:
                     yield view[start:stop]
         except (DamagedChunkError, DamagedRecordError):
             faults[DAMAGED] += 1
@@ -169,7 +185,7 @@ def _unpacked(file: BinaryIO, chunk: _Chunk) -> bytes:
     return unpack(chunk.compression, file.read(chunk.stored), chunk.size)
 
 
-def _records(data: bytes) -> Iterator[tuple[dict[bytes, bytes], int, int]]:
+def _records(data: bytes) -> Iterator[tuple[bytes, int, int]]:
     """Header, start and stop of the data of each record in a chunk."""
     at, end = 0, len(data)
     while at < end:
@@ -179,7 +195,7 @@ def _records(data: bytes) -> Iterator[tuple[dict[bytes, bytes], int, int]]:
         start = at + 8 + length
         if start > end:
             raise DamagedRecordError("a chunk ends early")
-        header = _fields(data[at + 4 : at + 4 + length])
+        header = data[at + 4 : start - 4]
         stop = start + int(_U4.unpack_from(data, start - 4)[0])
         if stop > end:
             raise DamagedRecordError("a chunk ends early")
