@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from gpvo.config import Configuration, PatchTrackerConfig, TrackingConfig
+from gpvo.config import Configuration
 from gpvo.configuration_file import configuration_text, load_configuration
 from gpvo.errors import InputError
 from gpvo.poses import StampedPoses
@@ -20,8 +20,6 @@ from gpvo.recordings.kalibr import read_kalibr
 
 BAD_INPUT = 2
 """Exit status."""
-DEMO_FEATURES = 50
-"""A frame; enough for a small room."""
 
 app = typer.Typer(
     add_completion=False,
@@ -81,7 +79,7 @@ def demo(output: Output = None, seed: Seed = None) -> None:
     with console.status("simulating stereo events of a textured room"):
         recording = simulate(simulation)
     folder = output or Path("results") / "demo"
-    run_and_write(recording, seeded(demo_configuration(), seed), folder, recording.ground_truth)
+    run_and_write(recording, seeded(Configuration(), seed), folder, recording.ground_truth)
 
 
 @app.command(name="eval")
@@ -190,12 +188,6 @@ def convert_recording(
     from gpvo.recording_commands import convert_command
 
     convert_command(recording, output, to, calibration, left_topic, right_topic, console)
-
-
-def demo_configuration() -> Configuration:
-    """The default, with fewer features so that the demonstration ends soon."""
-    few = PatchTrackerConfig(max_features=DEMO_FEATURES)
-    return Configuration(tracking=TrackingConfig(patch=few))
 
 
 def seeded(configuration: Configuration, seed: int | None) -> Configuration:

@@ -185,7 +185,7 @@ class EstimatorConfig(StageConfig):
     )
     window: int = Field(5, ge=2, description="Clusters in the window.")
     state_interval: float = Field(
-        0.025,
+        0.0,
         ge=0,
         description="Longest time between states, seconds; measurements between them are "
         "interpolated. 0 makes every unique tracklet time a state, as the paper does.",
