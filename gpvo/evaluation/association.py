@@ -78,7 +78,8 @@ def common_part(
     if len(inside) < 2:
         raise InputError(
             f"nothing to compare: the estimate covers {interval_text(estimate)} and the ground"
-            f" truth {interval_text(ground_truth)}; check that both use the same clock"
+            f" truth {interval_text(ground_truth)}, with less than two stamps to compare at in"
+            " common; check that both use the same clock, or take a shorter step"
         )
     return inside
 

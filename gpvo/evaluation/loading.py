@@ -60,9 +60,7 @@ def load_poses(path: Path | str, rig: StereoRig | None = None) -> StampedPoses:
     InputError
         If there is no such file or its contents cannot be used.
     """
-    file, topic = _split_topic(Path(path))
-    if not file.exists():
-        raise InputError(f"{path}: no such file or folder")
+    file, topic = split_topic(Path(path))
     if file.is_dir() and not (file / "metadata.yaml").exists():
         file = find_trajectory(file)
     if file.suffix == ".npz":
@@ -97,10 +95,13 @@ def _rectified(poses: StampedPoses, rig: StereoRig | None, path: Path) -> Stampe
     return poses.seen_from(raw_to_rectified(rig))
 
 
-def _split_topic(path: Path) -> tuple[Path, str | None]:
-    name, separator, topic = str(path).rpartition(":/")
-    if path.exists() or not separator:
+def split_topic(path: Path) -> tuple[Path, str | None]:
+    """File and topic of "FILE:/topic"; InputError if there is no such file."""
+    if path.exists():
         return path, None
+    name, separator, topic = str(path).rpartition(":/")
+    if not (separator and Path(name).exists()):
+        raise InputError(f"{path}: no such file or folder")
     return Path(name), "/" + topic
 
 

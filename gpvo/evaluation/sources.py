@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
-from gpvo.evaluation.loading import TRAJECTORY_NAMES, load_poses
+from gpvo.evaluation.loading import TRAJECTORY_NAMES, load_poses, split_topic
 from gpvo.poses import StampedPoses
 
 GROUND_TRUTH_NAMES = ("ground_truth.tum", "stamped_groundtruth.txt")
@@ -56,8 +56,9 @@ def find_sources(
     Raises
     ------
     InputError
-        If there is no estimate, or no ground truth for it.
+        If there is no such file, no estimate in it, or no ground truth for it.
     """
+    split_topic(path)
     if not path.is_dir() or (path / "metadata.yaml").exists() or _holds_trajectory(path):
         sequence = path.resolve().name if path.is_dir() else path.stem
         return [_sequence(sequence, [path], ground_truth, against or {})]

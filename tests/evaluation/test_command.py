@@ -142,6 +142,10 @@ def test_missing_inputs_are_named(sequence, tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="--ground-truth"):
         find_sources(sequence / "results")
+    with pytest.raises(InputError, match="no such file"):
+        find_sources(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="shorter step"):
+        run(sequence / "results", sequence / "truth.txt", protocol=Protocol(step=100.0))
     with pytest.raises(InputError, match="holds no estimate"):
         find_sources(tmp_path / "empty")
     with pytest.raises(InputError, match="no such file"):
