@@ -52,6 +52,20 @@ class RawStream(EventStream):
                     np.frombuffer(data[: len(data) // size * size], decoder.word)
                 )
 
+    def ends(self) -> Iterator[EventBlock]:
+        """The last event of EVT3, after a walk over the times only; the last block of EVT2."""
+        decoder = self._decoder()
+        with self.path.open("rb") as file:
+            if isinstance(decoder, Evt3):
+                file.seek(self._start)
+                while data := file.read(BLOCK_BYTES):
+                    decoder.skip(np.frombuffer(data[: len(data) // 2 * 2], decoder.word))
+                yield decoder.last_event()
+            else:
+                size = (self.path.stat().st_size - self._start) // 4 * 4
+                file.seek(self._start + max(0, size - BLOCK_BYTES))
+                yield from decoder.decode(np.frombuffer(file.read(BLOCK_BYTES), decoder.word))
+
 
 def _header(path: Path) -> tuple[str, int]:
     """The lines of the header and where the events begin."""

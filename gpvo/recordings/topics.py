@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -34,6 +34,9 @@ BLOCK_EVENTS = 1 << 17
 
 LAST_EVENTS = 1000
 """How many events of the end are read to find when a recording ends."""
+
+LAST_BYTES = 1 << 17
+"""The same for packets; EVT3 repeats the time in far less."""
 
 DAMAGED_MESSAGE = "damaged messages were skipped"
 UNKNOWN_ENCODING = "event packets in an unknown encoding were skipped"
@@ -139,7 +142,7 @@ class PacketStream(EventStream):
     def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
         parts: list[EventBlock] = []
         waiting = 0
-        for block in self._decoded(faults):
+        for block in self._decoded(self._packets(faults), None, faults):
             parts.append(block)
             waiting += len(block)
             if waiting >= BLOCK_EVENTS:
@@ -148,10 +151,26 @@ class PacketStream(EventStream):
         if parts:
             yield EventBlock.concatenate(parts)
 
-    def _decoded(self, faults: Faults) -> Iterator[EventBlock]:
+    def ends(self) -> Iterator[EventBlock]:
+        """Events of the last packets; those of EVT3 before their first time are left out."""
+        packets: list[EventPacket] = []
+        size = 0
+        for packet in self._packets(Faults(), backwards=True):
+            packets.append(packet)
+            size += len(packet.data)
+            if size >= LAST_BYTES:
+                break
+        offset_ns = self.arrival_offset_ns()
+        last = list(self._decoded(reversed(packets), offset_ns, Faults()))
+        if last:
+            yield EventBlock.concatenate(last)
+
+    def _decoded(
+        self, packets: Iterable[EventPacket], offset_ns: int | None, faults: Faults
+    ) -> Iterator[EventBlock]:
+        """Events of each packet; `offset_ns` is the arrival less the sensor's time at the start."""
         evt3, packed = evt.Evt3(), evt.LibcaerPacked()
-        offset_ns: int | None = None
-        for packet in self._packets(faults):
+        for packet in packets:
             decoder = evt3 if packet.encoding == "evt3" else packed
             try:
                 blocks = list(_decode(packet, decoder))
@@ -172,8 +191,8 @@ class PacketStream(EventStream):
             return block
         return EventBlock(block.x, block.y, block.t_ns + wraps * self.wrap_ns, block.polarity)
 
-    def _packets(self, faults: Faults) -> Iterator[EventPacket]:
-        for message in self._log.messages(self._topic.name, faults):
+    def _packets(self, faults: Faults, backwards: bool = False) -> Iterator[EventPacket]:
+        for message in self._log.messages(self._topic.name, faults, backwards):
             try:
                 packet = event_packet(message, self._topic.encoding)
             except DamagedMessageError:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 from bag_files import event_arrays, event_packets, types, write_rosbag1, write_rosbag2
 from encoders import (
     START_NS,
@@ -17,6 +20,8 @@ from encoders import (
     mono_records,
     shifted,
 )
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from reading import assert_recording_holds, read_stream
 from recording_files import HEIGHT, WIDTH
 from rosbags.rosbag1 import Writer as Writer1
@@ -68,6 +73,40 @@ def test_rosbag2_in_two_files(tmp_path: Path, calibration: Path) -> None:
         written = write_rosbag2(tmp_path / str(number), part, StoragePlugin.SQLITE3)
         next(written.glob("*.db3")).rename(folder / f"bag_{number}.db3")
     assert_recording_holds(open_recording(folder, calibration), LEFT, RIGHT)
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+@pytest.mark.parametrize("chunked", [True, False])
+def test_mcap_of_its_own_library(
+    tmp_path: Path, calibration: Path, compression: CompressionType, chunked: bool
+) -> None:
+    """Whatever the schema is written in, and with any compression, also without chunks."""
+    store = types(False)
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file, 5000, compression, use_chunking=chunked)
+        writer.start("ros2", "test")
+        schema = writer.register_schema("dvs_msgs/msg/EventArray", "ros2idl", b"no text we know")
+        channels = {topic: writer.register_channel(topic, "cdr", schema) for topic in TOPICS}
+        for topic, kind, stamp, message in sorted(arrays(False), key=lambda entry: entry[2]):
+            raw = bytes(store.serialize_cdr(message, kind))
+            writer.add_message(channels[topic], stamp, raw, stamp)
+        writer.finish()
+    assert_recording_holds(open_recording(path, calibration), LEFT, RIGHT)
+
+
+def test_messages_that_the_recorder_compressed(tmp_path: Path, calibration: Path) -> None:
+    folder = write_rosbag2(tmp_path / "bag", arrays(False), StoragePlugin.SQLITE3)
+    (path,) = folder.glob("*.db3")
+    with closing(sqlite3.connect(path)) as database:
+        rows = database.execute("SELECT id, data FROM messages").fetchall()
+        packed = [(zstandard.compress(data), number) for number, data in rows]
+        database.executemany("UPDATE messages SET data = ? WHERE id = ?", packed)
+        database.commit()
+    assert_recording_holds(open_recording(folder, calibration), LEFT, RIGHT)
+    path.rename(path.with_suffix(".db3.zstd"))
+    with pytest.raises(InputError, match="unpack it with zstd -d"):
+        open_recording(folder, calibration)
 
 
 ENCODERS: dict[str, Callable] = {

@@ -111,6 +111,17 @@ def test_one_damaged_time_does_not_shift_all_that_follow() -> None:
     assert not wrong[-100:].any()
 
 
+@pytest.mark.parametrize("cut", [1, 900, 1500])
+def test_skipping_finds_the_last_time(cut: int) -> None:
+    block = event_block(2000, 8, start_ns=WRAP_NS - 200_000_000)
+    words = evt3_words(block, vectors=True)
+    decoder = evt.Evt3()
+    assert len(decoder.last_event()) == 0
+    for part in (words[:cut], words[cut:]):
+        decoder.skip(part)
+    assert decoder.last_event().t_ns.tolist() == [block.t_ns[-1]]
+
+
 @settings(deadline=None, max_examples=30)
 @given(words=arrays("<u4", st.integers(0, 60)), cut=st.integers(0, 60))
 def test_evt2_is_the_plain_decoder(words: np.ndarray, cut: int) -> None:
