@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_noise, power_spectral_density
-from factors.kernels import Array, copy_kernel, kernel
+from factors.jacobians import JacobianBlocks
+from factors.kernels import Array, copy_columns_kernel, kernel, row_major_kernel
 from factors.local import (
     EXACT,
     hermite_weights,
@@ -18,7 +19,8 @@ from factors.local import (
     rows_by_states_kernel,
 )
 from factors.stereo import StereoCamera, checked_measurement, reprojection_kernel
-from factors.values import STATE_COLUMNS, pose_matrix
+
+_BLOCKS = JacobianBlocks(3, (6, 6, 6, 6, 3))
 
 
 @kernel
@@ -33,23 +35,32 @@ def _linearized_kernel(
     measured: Array,
     camera: Array,
     derivatives: bool,
-) -> Array:
-    """(3, 28) derivative of the error by the states (24) and the landmark (3), then the error."""
+    error: Array,
+    by_T_i: Array,
+    by_v_i: Array,
+    by_T_j: Array,
+    by_v_j: Array,
+    by_landmark: Array,
+) -> None:
+    """Write the error (3,) and its derivatives (3, 6) by the states and (3, 3) by the landmark."""
+    T_i = row_major_kernel(T_i)
     weights = hermite_weights(a, b)
-    local_j = local_state_kernel(T_i, T_j, v_j)
+    local_j = local_state_kernel(T_i, row_major_kernel(T_j), v_j)
     local = interpolated_local_kernel(v_i, local_j, weights)
     T, v = np.empty((4, 4)), np.empty(6)
     moved_kernel(T_i, local, T, v)
     stereo = reprojection_kernel(T, landmark, measured, camera)
-    result = np.zeros((3, 28))
+    for i in range(3):
+        error[i] = stereo[i, 9]
     if derivatives:
         by_states_j = local_jacobian_kernel(local_j, v_j, EXACT)
         first = len(stereo) - 3
-        copy_kernel(rows_by_states_kernel(stereo, first, local, by_states_j, weights), result)
-    for i in range(3):
-        for j in range(4):
-            result[i, 24 + j] = stereo[i, 6 + j]
-    return result
+        rows = rows_by_states_kernel(stereo, first, local, by_states_j, weights)
+        copy_columns_kernel(rows, 0.0, by_T_i)
+        copy_columns_kernel(rows, 6.0, by_v_i)
+        copy_columns_kernel(rows, 12.0, by_T_j)
+        copy_columns_kernel(rows, 18.0, by_v_j)
+        copy_columns_kernel(stereo, 6.0, by_landmark)
 
 
 def InterpolatedStereoFactor(
@@ -101,25 +112,27 @@ def InterpolatedStereoFactor(
     measurement, parameters = checked_measurement(measured), camera.parameters
 
     def error(
-        _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
+        _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: gtsam.JacobianVector | None
     ) -> Array:
-        result = _linearized_kernel(
-            pose_matrix(values, pose_i),
-            values.atVector(velocity_i),
-            pose_matrix(values, pose_j),
-            values.atVector(velocity_j),
-            a,
-            b,
-            values.atPoint3(landmark),
-            measurement,
-            parameters,
-            jacobians is not None,
-        )
-        if jacobians is not None:
-            for block, columns in enumerate(STATE_COLUMNS):
-                jacobians[block] = result[columns]
-            jacobians[4] = result[:, 24:27]
-        return result[:, 27]
+        difference = np.empty(3)
+        with _BLOCKS.lock:
+            _linearized_kernel(
+                values.atPose3(pose_i).matrix(),
+                values.atVector(velocity_i),
+                values.atPose3(pose_j).matrix(),
+                values.atVector(velocity_j),
+                a,
+                b,
+                values.atPoint3(landmark),
+                measurement,
+                parameters,
+                jacobians is not None,
+                difference,
+                *_BLOCKS.views,
+            )
+            if jacobians is not None:
+                _BLOCKS.copy_to(jacobians)
+        return difference
 
     keys = [pose_i, velocity_i, pose_j, velocity_j, landmark]
     return gtsam.CustomFactor(model, keys, error)

@@ -19,7 +19,7 @@ from factors.local import (
     local_state_kernel,
     moved_kernel,
 )
-from factors.wnoa import kronecker, whitening, wnoa_kernel
+from factors.wnoa import information_root, kronecker, whitening, wnoa_kernel
 
 
 class InterpolatedState(NamedTuple):
@@ -127,9 +127,7 @@ def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, q
     rows = zip(T_i, v_i, T_j, v_j, dt, strict=True)
     derivatives = np.array([wnoa_kernel(*row, True, EXACT) for row in rows])
     derivatives = derivatives.reshape(-1, 12, 25)
-    zero = np.zeros_like(dt)
-    scalars = [np.sqrt(12 / dt**3), -np.sqrt(3 / dt), zero, np.sqrt(1 / dt)]
-    return kronecker(np.stack(scalars, -1).reshape(-1, 2, 2), whitening(qc)) @ derivatives[..., :24]
+    return kronecker(information_root(dt), whitening(qc)) @ derivatives[..., :24]
 
 
 def _between(from_i: Array, to_j: Array, root: Array) -> Array:

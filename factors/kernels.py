@@ -226,13 +226,36 @@ def relative_kernel(T_i: Array, T_j: Array) -> Array:
 
 @inner_kernel
 def multiply_kernel(A: Array, B: Array) -> Array:
-    """A B of two matrices; columns of A beyond the rows of B are left out."""
-    C = np.zeros((A.shape[0], B.shape[1]))
-    for i in range(A.shape[0]):
-        for k in range(B.shape[0]):
-            for j in range(B.shape[1]):
+    """(6, 6) product of two matrices of the form [[A, 0], [B, A]], the dual number A + eps B."""
+    C = np.zeros((6, 6))
+    for i in range(3):
+        for k in range(3):
+            for j in range(3):
                 C[i, j] += A[i, k] * B[k, j]
+                C[3 + i, j] += A[3 + i, k] * B[k, j] + A[i, k] * B[3 + k, j]
+    for i in range(3):
+        for j in range(3):
+            C[3 + i, 3 + j] = C[i, j]
     return C
+
+
+@inner_kernel
+def row_major_kernel(T: Array) -> Array:
+    """(4, 4) copy of a matrix as GTSAM gives it, column by column, for the kernels."""
+    rows = np.empty((4, 4))
+    for i in range(4):
+        for j in range(4):
+            rows[i, j] = T[i, j]
+    return rows
+
+
+@inner_kernel
+def copy_columns_kernel(A: Array, first: float, to: Array) -> None:
+    """Copy the columns from `first` on to a matrix of as many rows."""
+    start = int(first)
+    for j in range(to.shape[1]):
+        for i in range(to.shape[0]):
+            to[i, j] = A[i, start + j]
 
 
 @inner_kernel

@@ -42,11 +42,14 @@ def local_state_kernel(T_i: Array, T_j: Array, v_j: Array) -> Array:
 
 
 @inner_kernel
-def local_jacobian_kernel(local: Array, v_j: Array, higher: float) -> Array:
-    """(12, 24) derivative of the local variables by T_i, v_i, T_j, v_j.
+def local_blocks_kernel(
+    local: Array, v_j: Array, higher: float
+) -> tuple[Array, Array, Array, Array]:
+    """Derivatives (6, 6) of xi and of its rate by -T_i and T_j: xi_i, xi_j, rate_i, rate_j.
 
-    `higher` weights what the derivative of Jr(xi)^-1 v_j = v_j + ad(xi) v_j / 2 + ... has beyond
-    the first order: EXACT, or FIRST_ORDER for the paper's E_21 and E_23.
+    That of the rate by v_j is xi_j. `higher` weights what the derivative of Jr(xi)^-1 v_j =
+    v_j + ad(xi) v_j / 2 + ... has beyond the first order: EXACT, or FIRST_ORDER for the paper's
+    E_21 and E_23.
     """
     k = inverse_coefficients_kernel(local, LEFT)
     left = polynomial_kernel(local, k)
@@ -55,17 +58,22 @@ def local_jacobian_kernel(local: Array, v_j: Array, higher: float) -> Array:
     right = polynomial_kernel(local, k)
     for n in range(3):
         k[n, 1] *= higher
-    velocity_by_xi = polynomial_derivative_kernel(local, k, v_j)
+    rate_by_xi = polynomial_derivative_kernel(local, k, v_j)
+    return left, right, multiply_kernel(rate_by_xi, left), multiply_kernel(rate_by_xi, right)
+
+
+@inner_kernel
+def local_jacobian_kernel(local: Array, v_j: Array, higher: float) -> Array:
+    """(12, 24) derivative of the local variables by T_i, v_i, T_j, v_j; `higher` as above."""
+    xi_i, xi_j, rate_i, rate_j = local_blocks_kernel(local, v_j, higher)
     jacobian = np.zeros((12, 24))
-    by_pose_i = multiply_kernel(velocity_by_xi, left)
-    by_pose_j = multiply_kernel(velocity_by_xi, right)
     for i in range(6):
         for j in range(6):
-            jacobian[i, j] = -left[i, j]
-            jacobian[i, 12 + j] = right[i, j]
-            jacobian[6 + i, j] = -by_pose_i[i, j]
-            jacobian[6 + i, 12 + j] = by_pose_j[i, j]
-            jacobian[6 + i, 18 + j] = right[i, j]
+            jacobian[i, j] = -xi_i[i, j]
+            jacobian[i, 12 + j] = xi_j[i, j]
+            jacobian[6 + i, j] = -rate_i[i, j]
+            jacobian[6 + i, 12 + j] = rate_j[i, j]
+            jacobian[6 + i, 18 + j] = xi_j[i, j]
     return jacobian
 
 

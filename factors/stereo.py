@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_noise, checked_vector
-from factors.kernels import Array, kernel
-from factors.values import pose_matrix
+from factors.jacobians import JacobianBlocks
+from factors.kernels import Array, copy_columns_kernel, kernel, row_major_kernel
+
+_BLOCKS = JacobianBlocks(3, (6, 3))
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,24 @@ def reprojection_kernel(T: Array, landmark: Array, measured: Array, camera: Arra
     return result
 
 
+@kernel
+def _stereo_kernel(
+    T: Array,
+    landmark: Array,
+    measured: Array,
+    camera: Array,
+    error: Array,
+    by_pose: Array,
+    by_landmark: Array,
+) -> None:
+    """Write the error (3,) and its derivatives (3, 6) and (3, 3)."""
+    result = reprojection_kernel(row_major_kernel(T), landmark, measured, camera)
+    copy_columns_kernel(result, 0.0, by_pose)
+    copy_columns_kernel(result, 6.0, by_landmark)
+    for i in range(3):
+        error[i] = result[i, 9]
+
+
 def checked_measurement(measured: ArrayLike) -> Array:
     """(3,) finite (u_left, v, disparity) with a positive disparity."""
     measurement = checked_vector("measured", measured, 3)
@@ -136,13 +156,20 @@ def StereoReprojectionFactor(
     measurement, parameters = checked_measurement(measured), camera.parameters
 
     def error(
-        _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
+        _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: gtsam.JacobianVector | None
     ) -> Array:
-        result = reprojection_kernel(
-            pose_matrix(values, pose), values.atPoint3(landmark), measurement, parameters
-        )
-        if jacobians is not None:
-            jacobians[0], jacobians[1] = result[:, :6], result[:, 6:9]
-        return result[:, 9]
+        difference = np.empty(3)
+        with _BLOCKS.lock:
+            _stereo_kernel(
+                values.atPose3(pose).matrix(),
+                values.atPoint3(landmark),
+                measurement,
+                parameters,
+                difference,
+                *_BLOCKS.views,
+            )
+            if jacobians is not None:
+                _BLOCKS.copy_to(jacobians)
+        return difference
 
     return gtsam.CustomFactor(model, [pose, landmark], error)

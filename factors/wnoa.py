@@ -12,9 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_duration, power_spectral_density
-from factors.kernels import Array, copy_kernel, kernel
-from factors.local import EXACT, FIRST_ORDER, local_jacobian_kernel, local_state_kernel
-from factors.values import STATE_COLUMNS, pose_matrix
+from factors.jacobians import JacobianBlocks
+from factors.kernels import Array, copy_kernel, inner_kernel, kernel, row_major_kernel
+from factors.local import (
+    EXACT,
+    FIRST_ORDER,
+    local_blocks_kernel,
+    local_jacobian_kernel,
+    local_state_kernel,
+)
+
+_BLOCKS = JacobianBlocks(12, (6, 6, 6, 6))
 
 
 def whitening(qc: ArrayLike) -> Array:
@@ -37,9 +45,14 @@ def wnoa_information(dt: float, qc: ArrayLike) -> Array:
 
 def wnoa_square_root_information(dt: float, qc: ArrayLike) -> Array:
     """(12, 12) S with SᵀS = Q_k^-1, in closed form."""
-    dt = checked_duration(dt)
-    scalars = np.array([[np.sqrt(12 / dt**3), -np.sqrt(3 / dt)], [0, np.sqrt(1 / dt)]])
-    return kronecker(scalars, whitening(qc))
+    return kronecker(information_root(checked_duration(dt)), whitening(qc))
+
+
+def information_root(dt: ArrayLike) -> Array:
+    """(..., 2, 2) scalars whose Kronecker product with the whitening of qc is S."""
+    dt = np.asarray(dt, np.float64)
+    scalars = [np.sqrt(12 / dt**3), -np.sqrt(3 / dt), np.zeros_like(dt), np.sqrt(1 / dt)]
+    return np.stack(scalars, -1).reshape(*dt.shape, 2, 2)
 
 
 def wnoa_square_root_covariance(dt: float, qc: ArrayLike) -> Array:
@@ -83,6 +96,59 @@ def wnoa_error(
     return result[:, 24], result[:, :24]
 
 
+@kernel
+def _whitened_kernel(
+    T_i: Array,
+    v_i: Array,
+    T_j: Array,
+    v_j: Array,
+    dt: float,
+    root: Array,
+    W: Array,
+    higher: float,
+    derivatives: bool,
+    error: Array,
+    by_T_i: Array,
+    by_v_i: Array,
+    by_T_j: Array,
+    by_v_j: Array,
+) -> None:
+    """Write the error (12,) whitened by root (2, 2) times W (6, 6), and its four derivatives."""
+    local = local_state_kernel(row_major_kernel(T_i), row_major_kernel(T_j), v_j)
+    a, b, c = root[0, 0], root[0, 1], root[1, 1]
+    for i in range(6):
+        top, bottom = 0.0, 0.0
+        for k in range(i + 1):
+            top += W[i, k] * (local[k] - dt * v_i[k])
+            bottom += W[i, k] * (local[6 + k] - v_i[k])
+        error[i], error[6 + i] = a * top + b * bottom, c * bottom
+    if derivatives:
+        xi_i, xi_j, rate_i, rate_j = local_blocks_kernel(local, v_j, higher)
+        xi_i, xi_j = _whitened_block(W, xi_i), _whitened_block(W, xi_j)
+        rate_i, rate_j = _whitened_block(W, rate_i), _whitened_block(W, rate_j)
+        for j in range(6):
+            for i in range(6):
+                by_T_i[i, j] = -a * xi_i[i, j] - b * rate_i[i, j]
+                by_T_i[6 + i, j] = -c * rate_i[i, j]
+                by_v_i[i, j] = -(a * dt + b) * W[i, j]
+                by_v_i[6 + i, j] = -c * W[i, j]
+                by_T_j[i, j] = a * xi_j[i, j] + b * rate_j[i, j]
+                by_T_j[6 + i, j] = c * rate_j[i, j]
+                by_v_j[i, j] = b * xi_j[i, j]
+                by_v_j[6 + i, j] = c * xi_j[i, j]
+
+
+@inner_kernel
+def _whitened_block(W: Array, block: Array) -> Array:
+    """(6, 6) product of a lower triangular matrix and another one."""
+    product = np.zeros((6, 6))
+    for i in range(6):
+        for k in range(i + 1):
+            for j in range(6):
+                product[i, j] += W[i, k] * block[k, j]
+    return product
+
+
 def WnoaPriorFactor(
     pose_i: int,
     velocity_i: int,
@@ -115,26 +181,31 @@ def WnoaPriorFactor(
     ValueError
         If dt is not positive or qc not positive definite.
     """
-    dt, S = checked_duration(dt), wnoa_square_root_information(dt, qc)
+    dt, W = checked_duration(dt), np.ascontiguousarray(whitening(qc))
+    root = information_root(dt)
     higher = FIRST_ORDER if approximate_jacobians else EXACT
 
     def error(
-        _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
+        _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: gtsam.JacobianVector | None
     ) -> Array:
-        derivatives = wnoa_kernel(
-            pose_matrix(values, pose_i),
-            values.atVector(velocity_i),
-            pose_matrix(values, pose_j),
-            values.atVector(velocity_j),
-            dt,
-            jacobians is not None,
-            higher,
-        )
-        result = S.dot(derivatives)
-        if jacobians is not None:
-            for block, columns in enumerate(STATE_COLUMNS):
-                jacobians[block] = result[columns]
-        return result[:, 24]
+        whitened = np.empty(12)
+        with _BLOCKS.lock:
+            _whitened_kernel(
+                values.atPose3(pose_i).matrix(),
+                values.atVector(velocity_i),
+                values.atPose3(pose_j).matrix(),
+                values.atVector(velocity_j),
+                dt,
+                root,
+                W,
+                higher,
+                jacobians is not None,
+                whitened,
+                *_BLOCKS.views,
+            )
+            if jacobians is not None:
+                _BLOCKS.copy_to(jacobians)
+        return whitened
 
     keys = [pose_i, velocity_i, pose_j, velocity_j]
     return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(12), keys, error)

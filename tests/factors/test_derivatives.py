@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
 import gtsam
 import numpy as np
 import pytest
@@ -29,6 +32,7 @@ from factors import (
     wnoa_square_root_information,
 )
 from factors.lie import se3_exp, se3_inverse
+from factors.wnoa import wnoa_error
 
 examples = settings(deadline=None, max_examples=15)
 measurement = np.array([180.0, 120.0, 6.0])
@@ -45,6 +49,41 @@ def test_wnoa_prior(seed: int, dt: float) -> None:
     )
     if QC.min() * dt**2 / 2 > 1e-9:  # below, GTSAM drops the correlation
         np.testing.assert_allclose(factor.error(values), native.error(values), rtol=1e-8)
+
+
+@given(seeds, st.floats(1e-6, 0.5), st.booleans())
+@examples
+def test_the_prior_is_whitened_by_the_square_root_of_its_information(
+    seed: int, dt: float, diagonal: bool
+) -> None:
+    values = random_states(seed, dt)
+    A = np.random.default_rng(seed).normal(size=(6, 6))
+    qc = QC if diagonal else A @ A.T + np.eye(6)
+    T_i, T_j = (values.atPose3(X(k)).matrix() for k in range(2))
+    error, jacobian = wnoa_error(T_i, values.atVector(V(0)), T_j, values.atVector(V(1)), dt)
+    S = wnoa_square_root_information(dt, qc)
+    whitened, b = WnoaPriorFactor(X(0), V(0), X(1), V(1), dt, qc).linearize(values).jacobian()
+    np.testing.assert_allclose(whitened, S @ jacobian, atol=1e-13 * np.abs(whitened).max())
+    np.testing.assert_allclose(b, -S @ error, rtol=1e-12, atol=1e-12 * np.abs(b).max())
+
+
+def test_threads_do_not_see_each_others_derivatives() -> None:
+    """Factors of one shape share the memory that they hand to GTSAM."""
+    values = [random_states(seed, 0.1) for seed in range(2)]
+    factor = WnoaPriorFactor(X(0), V(0), X(1), V(1), 0.1, QC)
+    expected = [factor.linearize(each).jacobian()[0] for each in values]
+
+    def wrong(n: int) -> int:
+        found = (factor.linearize(values[n]).jacobian()[0] for _ in range(2000))
+        return sum(not np.array_equal(A, expected[n]) for A in found)
+
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            assert list(pool.map(wrong, range(2))) == [0, 0]
+    finally:
+        sys.setswitchinterval(before)
 
 
 def test_the_papers_first_order_derivatives_are_an_option() -> None:
