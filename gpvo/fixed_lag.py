@@ -70,8 +70,8 @@ class FixedLagSmoother:
         if len(t) + len(window.states) < 2:
             t = last.t + SAME_TIME
         ahead = velocity_ahead(last, stop, fit, self._sensor.noise)
-        self._solve(window.extended(t, ahead), possible)
-        self._let_go()
+        if self._solve(window.extended(t, ahead), possible):
+            self._let_go()
 
     def trajectory(self, start_ns: int) -> Trajectory | None:
         """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
@@ -106,8 +106,11 @@ class FixedLagSmoother:
         deviations = np.repeat([FIXED, self._sensor.noise.initial_velocity], 6)
         return LagWindow.of_state(self._sensor, state, np.diag(deviations**2))
 
-    def _solve(self, window: LagWindow, new: Measurements) -> None:
-        """Take the new measurements; if that fails start anew from the window's, or from none."""
+    def _solve(self, window: LagWindow, new: Measurements) -> bool:
+        """Take the new measurements; if that fails start anew from the window's, or from none.
+
+        False if even that failed: then all is as it was before the cluster.
+        """
         known = window.measurements
         attempts: list[Callable[[], tuple[LagWindow, list[Repair]]]] = [
             lambda: window.measured(new),
@@ -123,7 +126,8 @@ class FixedLagSmoother:
                 self.repairs.append(self._restart(window, error))
             else:
                 self.repairs += gated + lost
-                return
+                return True
+        return False
 
     def _restarted(self, window: LagWindow) -> LagWindow:
         """The window's states without measurements, the first as uncertain as it was."""

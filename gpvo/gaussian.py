@@ -72,6 +72,8 @@ class Quadratic:
         left = np.ones(len(self.g), bool)
         left[kept] = False
         out = np.flatnonzero(left)
+        if len(out) == 0:
+            return Quadratic(self.H[np.ix_(kept, kept)], self.g[kept], self.c)
         leaving = Quadratic(self.H[np.ix_(out, out)], self.g[out])
         root = leaving.root(np.column_stack([self.H[np.ix_(out, kept)], self.g[out]]))
         by_kept, by_g = root[:, :-1], root[:, -1]

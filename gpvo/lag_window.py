@@ -122,11 +122,17 @@ class LagWindow:
             window = window.without(lost)
 
     def deviations(self, stop: float = np.inf) -> Deviations:
-        """Those of the states at unique times before `stop`."""
-        cost = self._cost()
-        early = cost.measurements[cost.measurements.t < stop]
-        variables = Variables(self.states, self.landmarks)
-        return replace(cost, measurements=early).deviations(variables)
+        """Those of the states at unique times before `stop`.
+
+        A landmark that is measured once tells nothing: the state at its time is the interpolated.
+        """
+        early = self.measurements[self.measurements.t < stop]
+        cost = replace(self._cost(), measurements=self._usable(early))
+        told = cost.deviations(Variables(self.states, self.landmarks))
+        t = np.unique(early.t)
+        local = np.zeros((len(t), 12))
+        local[np.searchsorted(t, told.t)] = told.local
+        return Deviations(t, local)
 
     def without(self, numbers: Index) -> LagWindow:
         """Without landmarks of these numbers and all that was measured of them."""

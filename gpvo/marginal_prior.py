@@ -28,19 +28,22 @@ class MarginalPrior:
         The L landmarks as they were.
     quadratic
         Of 12 + 3 L variables: pose, perturbed on the right, twist, and coordinates.
+    fixed
+        Whether the cost must go on to be linearized there, as it comes from measurements that were.
     """
 
     T_world_cam: Array
     twist: Array
     landmarks: Landmarks
     quadratic: Quadratic
+    fixed: bool = True
 
     @staticmethod
     def of_state(T_world_cam: Array, twist: Array, covariance: Array) -> MarginalPrior:
         """A state alone, with the covariance (12, 12) of its pose and twist."""
         information = np.linalg.inv(covariance)
         quadratic = Quadratic(0.5 * (information + information.T), np.zeros(12))
-        return MarginalPrior(T_world_cam, twist, Landmarks(), quadratic)
+        return MarginalPrior(T_world_cam, twist, Landmarks(), quadratic, fixed=False)
 
     def deviation(self, states: States, landmarks: Landmarks) -> Array:
         """(12 + 3 L,) difference from where the prior was linearized."""
@@ -54,7 +57,9 @@ class MarginalPrior:
         )
 
     def imposed(self, states: States, landmarks: Landmarks) -> tuple[States, Landmarks]:
-        """All variables, but those of the prior where it was linearized."""
+        """All variables, but those of a fixed prior where it was linearized."""
+        if not self.fixed:
+            return states, landmarks
         T, twist = states.T_world_cam.copy(), states.twist.copy()
         T[0], twist[0] = self.T_world_cam, self.twist
         coordinates = landmarks.coordinates.copy()
