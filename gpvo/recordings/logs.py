@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bz2
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
@@ -15,6 +15,8 @@ from gpvo.recordings.streams import Faults
 
 LARGEST_CHUNK = 1 << 30
 """Bytes; a larger chunk is damage."""
+
+CACHE_BYTES = 1 << 26
 
 DAMAGED = "damaged parts of the file were skipped"
 
@@ -78,7 +80,7 @@ def unpack(compression: str, data: bytes, size: int) -> bytes:
         raise DamagedChunkError(f"of {size} bytes")
     try:
         if compression == "lz4":
-            return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+            return _unpack_lz4(data, size)
         if compression == "bz2":
             return bz2.BZ2Decompressor().decompress(data, max_length=size)
         if compression == "zstd":
@@ -87,3 +89,31 @@ def unpack(compression: str, data: bytes, size: int) -> bytes:
     except (RuntimeError, OSError, ValueError, EOFError, MemoryError, zstandard.ZstdError) as error:
         raise DamagedChunkError(str(error)) from error
     raise DamagedChunkError(f"packed with {compression!r}")
+
+
+def _unpack_lz4(data: bytes, size: int) -> bytes:
+    """In one go where the frame tells its size truthfully; or else as far as it goes."""
+    if 0 < lz4.frame.get_frame_info(data)["content_size"] <= size:
+        try:
+            return lz4.frame.decompress(data)
+        except RuntimeError:
+            pass
+    return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+
+
+class UnpackedChunks:
+    """The chunks unpacked last: both cameras' events stand in the same ones."""
+
+    def __init__(self) -> None:
+        self._chunks: dict[int, bytes] = {}
+        self._size = 0
+
+    def get(self, at: int, unpack_chunk: Callable[[], bytes]) -> bytes:
+        """The chunk at a position of the file, unpacked now unless it was a short time ago."""
+        if at not in self._chunks:
+            data = unpack_chunk()
+            self._chunks[at] = data
+            self._size += len(data)
+            while self._size > CACHE_BYTES and len(self._chunks) > 1:
+                self._size -= len(self._chunks.pop(next(iter(self._chunks))))
+        return self._chunks[at]

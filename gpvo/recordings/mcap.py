@@ -14,7 +14,14 @@ from typing import BinaryIO, NamedTuple
 from zlib import crc32
 
 from gpvo.errors import InputError
-from gpvo.recordings.logs import DAMAGED, DamagedChunkError, MessageLog, Topic, unpack
+from gpvo.recordings.logs import (
+    DAMAGED,
+    DamagedChunkError,
+    MessageLog,
+    Topic,
+    UnpackedChunks,
+    unpack,
+)
 from gpvo.recordings.streams import Faults
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -69,6 +76,7 @@ class McapFile(MessageLog):
         self._parts: list[_Part] = []
         self._numbers: dict[str, set[int]] = {}
         self._schemas: dict[int, str] = {0: ""}
+        self._unpacked_chunks = UnpackedChunks()
         with self.path.open("rb") as file:
             self._walk(file)
             if not self.topics:
@@ -80,8 +88,25 @@ class McapFile(MessageLog):
         wanted = self._numbers[topic]
         with self.path.open("rb") as file:
             for part in reversed(self._parts) if backwards else self._parts:
-                found = _messages_of(file, part, wanted, faults)
+                found = self._messages_of(file, part, wanted, faults)
                 yield from reversed(list(found)) if backwards else found
+
+    def _messages_of(
+        self, file: BinaryIO, part: _Part, wanted: set[int], faults: Faults
+    ) -> Iterator[memoryview]:
+        try:
+            if part.compression in ("", "none"):
+                data = _unpacked(file, part)
+            else:
+                data = self._unpacked_chunks.get(part.at, lambda: _unpacked(file, part))
+            view = memoryview(data)
+            for operation, start, stop in _records(data):
+                if operation != MESSAGE or stop < start + 22:
+                    continue
+                if int.from_bytes(view[start : start + 2], "little") in wanted:
+                    yield view[start + 22 : stop]
+        except (DamagedChunkError, _DamagedError):
+            faults[DAMAGED] += 1
 
     def _walk(self, file: BinaryIO) -> None:
         """Find all parts that may hold messages, and the channels outside of chunks."""
@@ -139,21 +164,6 @@ class McapFile(MessageLog):
                         self._definition(operation, data[start:stop])
             except (DamagedChunkError, _DamagedError, struct.error, UnicodeDecodeError):
                 continue
-
-
-def _messages_of(
-    file: BinaryIO, part: _Part, wanted: set[int], faults: Faults
-) -> Iterator[memoryview]:
-    try:
-        data = _unpacked(file, part)
-        view = memoryview(data)
-        for operation, start, stop in _records(data):
-            if operation != MESSAGE or stop < start + 22:
-                continue
-            if int.from_bytes(view[start : start + 2], "little") in wanted:
-                yield view[start + 22 : stop]
-    except (DamagedChunkError, _DamagedError):
-        faults[DAMAGED] += 1
 
 
 def _chunk(file: BinaryIO, start: int, size: int) -> _Part:

@@ -44,10 +44,10 @@ class RawStream(EventStream):
 
     def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
         decoder = self._decoder()
+        size = decoder.word.itemsize
         with self.path.open("rb") as file:
             file.seek(self._start)
             while data := file.read(BLOCK_BYTES):
-                size = decoder.word.itemsize
                 yield from decoder.decode(
                     np.frombuffer(data[: len(data) // size * size], decoder.word)
                 )
@@ -64,7 +64,8 @@ class RawStream(EventStream):
             else:
                 size = (self.path.stat().st_size - self._start) // 4 * 4
                 file.seek(self._start + max(0, size - BLOCK_BYTES))
-                yield from decoder.decode(np.frombuffer(file.read(BLOCK_BYTES), decoder.word))
+                words = np.frombuffer(file.read(min(size, BLOCK_BYTES)), decoder.word)
+                yield from decoder.decode(words)
 
 
 def _header(path: Path) -> tuple[str, int]:

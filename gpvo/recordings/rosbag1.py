@@ -13,7 +13,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 from gpvo.errors import InputError
-from gpvo.recordings.logs import DAMAGED, DamagedChunkError, MessageLog, Topic, unpack
+from gpvo.recordings.logs import (
+    DAMAGED,
+    DamagedChunkError,
+    MessageLog,
+    Topic,
+    UnpackedChunks,
+    unpack,
+)
 from gpvo.recordings.streams import Faults
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -65,6 +72,7 @@ class RosBag1(MessageLog):
     def __post_init__(self) -> None:
         self._chunks: list[_Chunk] = []
         self._numbers: dict[str, set[int]] = {}
+        self._unpacked_chunks = UnpackedChunks()
         self._known_headers: dict[bytes, int] = {}
         with self.path.open("rb") as file:
             self._walk(file)
@@ -138,6 +146,11 @@ class RosBag1(MessageLog):
             except (DamagedChunkError, DamagedRecordError):
                 continue
 
+    def _chunk_data(self, file: BinaryIO, chunk: _Chunk) -> bytes:
+        if chunk.compression == "none":
+            return _unpacked(file, chunk)
+        return self._unpacked_chunks.get(chunk.at, lambda: _unpacked(file, chunk))
+
     def _connection_of(self, header: bytes) -> int:
         """Connection of a message, -1 of other records.
 
@@ -156,7 +169,7 @@ class RosBag1(MessageLog):
         self, file: BinaryIO, chunk: _Chunk, wanted: set[int], faults: Faults
     ) -> Iterator[memoryview]:
         try:
-            data = _unpacked(file, chunk)
+            data = self._chunk_data(file, chunk)
             view = memoryview(data)
             for header, start, stop in _records(data):
                 if self._connection_of(header) in wanted:

@@ -48,8 +48,14 @@ def arrays(ros1: bool, package: str = "dvs_msgs", topics: tuple[str, str] = TOPI
     ]
 
 
-@pytest.mark.parametrize("package", ["dvs_msgs", "prophesee_event_msgs", "dv_ros_msgs"])
-@pytest.mark.parametrize("compression", [None, *Writer1.CompressionFormat])
+@pytest.mark.parametrize(
+    ("package", "compression"),
+    [
+        ("dvs_msgs", None),
+        ("prophesee_event_msgs", Writer1.CompressionFormat.BZ2),
+        ("dv_ros_msgs", Writer1.CompressionFormat.LZ4),
+    ],
+)
 def test_rosbag1(tmp_path: Path, calibration: Path, package: str, compression: object) -> None:
     path = write_rosbag1(tmp_path / "a.bag", arrays(True, package), compression)
     assert_recording_holds(open_recording(path, calibration), LEFT, RIGHT)

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import h5py
 import hdf5plugin
+import lz4.frame
 import numpy as np
 import pytest
+import zstandard
 from encoders import START_NS, column_file, event_block, shifted, text_file
 from reading import assert_recording_holds, assert_same_events, read_stream
 from recording_files import HEIGHT, WIDTH
 
 from gpvo.errors import InputError
 from gpvo.recordings import columns, open_recording, read_calibration
-from gpvo.recordings.aedat4 import Aedat4, Aedat4Stream
+from gpvo.recordings.aedat4 import MAGIC, Aedat4, Aedat4Stream
 from gpvo.recordings.columns import DSEC, ColumnStream
 from gpvo.recordings.streams import EventBlock, Faults
+from gpvo.recordings.writing_aedat4 import HEADER, STREAM, event_packet, io_header
 
 LEFT, RIGHT = event_block(900, 1), event_block(800, 2)
 
@@ -233,6 +239,50 @@ def test_prophesee_hdf5_is_named(tmp_path: Path) -> None:
         file["CD/events"] = np.zeros(3)
     with pytest.raises(InputError, match="ECF"):
         open_recording(tmp_path / "a.hdf5")
+
+
+PACKINGS: dict[int, Callable[[bytes], bytes]] = {
+    0: bytes,
+    1: lz4.frame.compress,
+    2: partial(lz4.frame.compress, compression_level=9),
+    3: zstandard.compress,
+    4: partial(zstandard.compress, level=19),
+}
+
+
+def aedat4_file(path: Path, blocks: dict[str, EventBlock], packing: int = 1) -> Path:
+    """Packets of 100 events of every stream; `packing` is the number of the compression."""
+    fields = {"width": WIDTH, "height": HEIGHT}
+    streams = [STREAM.format(number=n, name=name, **fields) for n, name in enumerate(blocks)]
+    header = io_header(HEADER.format(streams="".join(streams)), packing)
+    packets = [
+        struct.pack("<ii", number, len(data)) + data
+        for number, block in enumerate(blocks.values())
+        for first in range(0, len(block), 100)
+        for data in [PACKINGS[packing](event_packet(block[first : first + 100]))]
+    ]
+    path.write_bytes(MAGIC + header + b"".join(packets))
+    return path
+
+
+@pytest.mark.parametrize("packing", PACKINGS)
+def test_aedat4_packings(tmp_path: Path, calibration: Path, packing: int) -> None:
+    path = aedat4_file(tmp_path / "a.aedat4", {"left": LEFT, "right": RIGHT}, packing)
+    assert_recording_holds(open_recording(path, calibration), LEFT, RIGHT)
+
+
+def test_aedat4_of_one_camera_each(tmp_path: Path, calibration: Path) -> None:
+    for side, block in (("left", LEFT), ("right", RIGHT)):
+        aedat4_file(tmp_path / f"{side}.aedat4", {f"DAVIS346_{side}": block})
+    for path in (tmp_path, tmp_path / "left.aedat4", tmp_path / "right.aedat4"):
+        assert_recording_holds(open_recording(path, calibration), LEFT, RIGHT)
+
+
+def test_aedat4_streams_that_are_named_by_serial_numbers(tmp_path: Path, calibration: Path) -> None:
+    path = aedat4_file(tmp_path / "a.aedat4", {"DAVIS_7": LEFT, "DAVIS_3": RIGHT})
+    with pytest.raises(InputError, match="--left-topic DAVIS_3 --right-topic DAVIS_7"):
+        open_recording(path, calibration)
+    assert_recording_holds(open_recording(path, calibration, "DAVIS_7", "DAVIS_3"), LEFT, RIGHT)
 
 
 @pytest.mark.parametrize(
