@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from benchmarks.simulated_summary import METRICS, CaseResult, Metric, names, values
 from gpvo.evaluation.plots import colours, new_figure, shared_legend
@@ -25,7 +26,13 @@ def suite_figure(results: Sequence[CaseResult], earlier: Sequence[CaseResult] = 
         for number, ((label, run), colour) in enumerate(zip(runs, colours(2), strict=False)):
             _draw(axes, run, cases, metric, 0.2 * (number - 0.5 * (len(runs) - 1)), label, colour)
         axes.set_ylabel(metric.heading.replace(" [", "\n["))
-        axes.set_ylim(bottom=0.0)
+        if metric.more_is_better:
+            axes.set_ylim(bottom=0.0)
+        else:
+            axes.set_yscale("log")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axes.yaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.3, linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
     rows[-1].set_xticks(range(len(cases)), [case.replace("_", "\n") for case in cases])

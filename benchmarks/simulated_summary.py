@@ -71,10 +71,10 @@ class Metric(NamedTuple):
 
 
 METRICS = (
-    Metric("final_percent", "final [% of path]", 1.0, 2),
-    Metric("rms_m", "global RMS [mm]", 1e3, 1),
-    Metric("rms_deg", "global RMS [°]", 1.0, 2),
-    Metric("relative", "relative SE(3) RMS [1e-3]", 1e3, 2),
+    Metric("final_percent", "final [%]", 1.0, 2),
+    Metric("rms_m", "error [mm]", 1e3, 1),
+    Metric("rms_deg", "error [°]", 1.0, 2),
+    Metric("relative", "step error [1e-3]", 1e3, 2),
     Metric("covered", "covered [%]", 100.0, 1, more_is_better=True),
     Metric("real_time", "x real time", 1.0, 2, more_is_better=True),
 )
@@ -99,9 +99,11 @@ def summary_table(results: Sequence[CaseResult]) -> ResultTable:
         for case in names(results)
     ]
     headings = ("case", *(metric.heading for metric in METRICS))
-    return ResultTable(
-        f"Simulated recordings: mean ± spread over {seeds} seeds", headings, (*rows,)
+    title = (
+        f"Simulated recordings, mean ± spread over {seeds} seeds: final error in percent of the"
+        " path, RMS of the global error, RMS of the SE(3) error of steps of 0.01 s"
     )
+    return ResultTable(title, headings, tuple(rows))
 
 
 def spread_text(by_seed: Mapping[int, float], metric: Metric) -> str:

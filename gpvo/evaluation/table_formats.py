@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from html import escape as escape_html
 
+from rich.console import JustifyMethod
 from rich.markup import escape as escape_rich
 from rich.table import Table
 
@@ -30,7 +31,9 @@ def to_rich(table: ResultTable) -> Table:
     """For the terminal."""
     rich = Table(title=escape_rich(table.title), title_justify="left")
     for index, heading in enumerate(table.headings):
-        rich.add_column(escape_rich(heading), justify="left" if index == 0 else "right")
+        first = index == 0
+        justify: JustifyMethod = "left" if first else "right"
+        rich.add_column(escape_rich(heading), justify=justify, no_wrap=first)
     for number, row in enumerate(table.rows, start=1):
         rich.add_row(*map(_rich_cell, row), end_section=number % table.group == 0)
     return rich
