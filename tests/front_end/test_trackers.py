@@ -28,7 +28,10 @@ PLANES = {name: MovingPlane(Texture(7), twist) for name, twist in TWISTS.items()
 
 def configuration(tracker: str, **fields: object) -> TrackingConfig:
     features = {"response_threshold": THRESHOLDS[tracker]}
-    return TrackingConfig.model_validate({"tracker": tracker, "features": features, **fields})
+    many = {"max_features": 200}
+    return TrackingConfig.model_validate(
+        {"tracker": tracker, "features": features, "patch": many, **fields}
+    )
 
 
 @cache
