@@ -1,0 +1,147 @@
+"""Learn the noise parameters from a motion that is known: maximum likelihood.
+
+Q_c from the accelerations of the ground truth, R from the errors of the tracklets' measurements
+around landmarks that are fitted to them along the true motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from factors import StereoCamera
+from factors.lie import se3_inverse, se3_log
+from gpvo.config import NoiseConfig
+from gpvo.errors import InputError
+from gpvo.landmarks import Landmarks
+from gpvo.marginal_prior import MarginalPrior
+from gpvo.robust import RobustLoss
+from gpvo.states import States
+from gpvo.tracklets import Measurements
+from gpvo.window_cost import Variables, WindowCost
+
+Array = NDArray[np.float64]
+CAUCHY_SCALE = 3.0
+"""Standard deviations beyond which a measurement pulls less on its landmark."""
+INLIERS = 0.999
+"""Share of measurements without gross errors that are counted."""
+
+
+def acceleration_psd(t: Array, T_world_cam: Array) -> Array:
+    """(6,) power spectral density of the acceleration that makes true poses most probable.
+
+    Two steps of a true motion in a row differ by the integral of its acceleration, and for white
+    noise of density q the variance of that difference is 2 q dt^3 / 3 (WNOA, equation (prior_cov)).
+
+    Parameters
+    ----------
+    t
+        (N,) increasing times, seconds, N >= 3.
+    T_world_cam
+        (N, 4, 4) poses; their noise must be far below the motion between two of them.
+
+    Raises
+    ------
+    InputError
+        If there are less than three poses.
+    """
+    if len(t) < 3:
+        raise InputError(f"{len(t)} poses: the ground truth needs three or more to tell Q_c")
+    dt = np.diff(t)
+    step = se3_log(se3_inverse(T_world_cam[:-1]) @ T_world_cam[1:]) / dt[:, None]
+    # The mean velocities of neighbouring steps differ by noise of the variance q (dt1 + dt2) / 3.
+    change = np.diff(step, axis=0)
+    density = np.mean(3 * change**2 / (dt[:-1] + dt[1:])[:, None], axis=0)
+    return np.asarray(density, np.float64)
+
+
+def measurement_information(
+    measurements: Measurements, motion: States, camera: StereoCamera, iterations: int = 10
+) -> Array:
+    """(3,) inverse variances of (u_left, v, disparity), pixel^-2, most probable for true poses.
+
+    Each landmark is fitted to its measurements along the motion. n measurements leave 3 n - 3
+    degrees of freedom. Gross errors are left out.
+
+    Parameters
+    ----------
+    measurements
+        Of landmarks; those measured less than three times are left out.
+    motion
+        True states, whose interpolation is the motion.
+    camera
+        Intrinsics of the rectified pair.
+
+    Raises
+    ------
+    InputError
+        If no landmark is measured three times within the motion.
+    """
+    measurements = _often_measured(measurements, motion)
+    if len(measurements) == 0:
+        raise InputError("no landmark is measured three times during the ground truth")
+    T_world_cam, _ = motion.query(measurements.t)
+    landmarks = Landmarks.measured(measurements, T_world_cam, camera)
+    information = np.array(NoiseConfig().measurement_information)
+    for _ in range(iterations):
+        noise = NoiseConfig(measurement_information=tuple(information.tolist()))
+        cost = _cost(measurements, motion, camera, noise)
+        for _ in range(3):
+            landmarks = landmarks.moved(_landmark_steps(cost, Variables(motion, landmarks)))
+        rows, _ = cost.stereo(Variables(motion, landmarks), derivatives=False)
+        error = rows[..., -1] / np.sqrt(information)
+        weight = 1.0 * (np.sum(rows[..., -1] ** 2, axis=1) < chi2.ppf(INLIERS, 3))
+        share = 1 - len(landmarks) / len(measurements)
+        information = share * weight.sum() / np.sum(weight[:, None] * error**2, axis=0)
+    return information
+
+
+def tuned_noise(
+    clusters: Iterable[Measurements], motion: States, camera: StereoCamera
+) -> NoiseConfig:
+    """Noise parameters learned from the measurements of clusters and the true motion."""
+    measurements = Measurements.concatenate(clusters)
+    information = measurement_information(measurements, motion, camera)
+    density = acceleration_psd(motion.t, motion.T_world_cam)
+    return NoiseConfig(
+        acceleration_psd=tuple(density.tolist()),
+        measurement_information=tuple(information.tolist()),
+    )
+
+
+def states_of_poses(t: Array, T_world_cam: Array) -> States:
+    """States at true poses; the twists are those of the steps around them."""
+    step = se3_log(se3_inverse(T_world_cam[:-1]) @ T_world_cam[1:]) / np.diff(t)[:, None]
+    twist = np.concatenate([step[:1], 0.5 * (step[:-1] + step[1:]), step[-1:]])
+    return States(t, T_world_cam, twist)
+
+
+def _often_measured(measurements: Measurements, motion: States) -> Measurements:
+    inside = (measurements.t >= motion.t[0]) & (measurements.t <= motion.t[-1])
+    measurements = measurements[inside]
+    number, count = np.unique(measurements.landmark, return_counts=True)
+    measurements = measurements[np.isin(measurements.landmark, number[count >= 3])]
+    return measurements[np.argsort(measurements.t, kind="stable")]
+
+
+def _cost(
+    measurements: Measurements, motion: States, camera: StereoCamera, noise: NoiseConfig
+) -> WindowCost:
+    prior = MarginalPrior.of_state(motion.T_world_cam[0], motion.twist[0], np.eye(12))
+    return WindowCost(camera, noise, RobustLoss("cauchy", CAUCHY_SCALE), prior, measurements)
+
+
+def _landmark_steps(cost: WindowCost, variables: Variables) -> Array:
+    """(L, 3) Gauss-Newton steps of the landmarks, the states fixed."""
+    rows, _ = cost.stereo(variables)
+    weight = cost.loss.weight(np.sum(rows[..., -1] ** 2, axis=1))
+    J, e = rows[..., 24:27], rows[..., 27]
+    count = len(variables.landmarks)
+    H, g = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    index = variables.landmarks.index(cost.measurements.landmark)
+    np.add.at(H, index, np.einsum("n,nri,nrj->nij", weight, J, J))
+    np.add.at(g, index, np.einsum("n,nri,nr->ni", weight, J, e))
+    return np.asarray(-np.linalg.solve(H, g[..., None])[..., 0], np.float64)
