@@ -1,6 +1,6 @@
 """Are the smoother's covariances honest? Mean NEES over many simulated runs, as a plot.
 
-    python -m benchmarks.consistency --runs 100 --output consistency.png
+python -m benchmarks.consistency --runs 100 --output consistency.png
 """
 
 from __future__ import annotations

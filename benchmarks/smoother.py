@@ -128,7 +128,7 @@ def compare(title: str, camera: StereoCamera, updates: list[Update]) -> None:
 
 
 def long_stream(minutes: float) -> None:
-    """Print cost and memory of a long stream, minute by minute."""
+    """Print processor time and memory of a long stream, minute by minute."""
     simulation, rng = TrackletSimulation(NoiseConfig()), np.random.default_rng(0)
     motion = simulation.motion(60 * minutes, rng)
     smoother = FixedLagSmoother(simulation.camera, NoiseConfig(), EstimatorConfig())
@@ -138,9 +138,9 @@ def long_stream(minutes: float) -> None:
     spent: list[float] = []
     per_minute = round(60 / simulation.period)
     for frame, (stop, measurements) in enumerate(simulation.clusters(motion, rng)):
-        began = time.perf_counter()
+        began = time.process_time()
         smoother.update(frame, stop, measurements, None)
-        spent.append(time.perf_counter() - began)
+        spent.append(time.process_time() - began)
         if len(spent) == per_minute:
             minute, milliseconds = (frame + 1) // per_minute, 1e3 * np.array(spent)
             table.add_row(

@@ -1,4 +1,4 @@
-"""The command line: `gpvo run`, `gpvo demo`, `gpvo eval`, `gpvo config`, `gpvo inspect`."""
+"""The command line: `gpvo run`, `demo`, `eval`, `inspect`, `tune-noise`, `config`."""
 
 from __future__ import annotations
 
@@ -123,6 +123,22 @@ def evaluate(
         step, truth_between, association, max_difference, aligned_at, align_body, align_time
     )
     evaluate_command(estimate, ground_truth, against or (), output, protocol, rig, console)
+
+
+@app.command(name="tune-noise")
+def tune_noise(
+    recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
+    ground_truth: Annotated[Path, typer.Option(help="True poses.")],
+    calibration: Calibration = None,
+    config: Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")] = None,
+) -> None:
+    """Learn Q_c and R by maximum likelihood; print them as YAML for `--config`."""
+    from gpvo.tune_noise import noise_text, tuned_on_recording
+
+    opened = open_recording(recording, calibration)
+    truth = load_ground_truth(ground_truth, opened)
+    configuration = load_configuration(config) if config else Configuration()
+    print(noise_text(tuned_on_recording(opened, truth, configuration)), end="")
 
 
 @app.command(name="config")

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from synthetic import CAMERA, TWIST, constant_velocity, tracklets
+import synthetic
+from synthetic import CAMERA, TWIST, constant_velocity
 from test_estimators import METHODS, NOTHING, PERIOD
 
 from gpvo.config import EstimatorConfig, NoiseConfig
@@ -15,6 +16,10 @@ from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 
 Cluster = tuple[float, Measurements]
+
+
+def tracklets(clusters: int, per_cluster: int = 4, noise: float = 0.0) -> list[Measurements]:
+    return synthetic.tracklets(clusters, per_cluster, noise)
 
 
 def regular(parts: list[Measurements]) -> list[Cluster]:
