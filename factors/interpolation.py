@@ -59,6 +59,14 @@ def interpolate(
     joint_covariance
         (..., 24, 24) of T_i, v_i, T_j, v_j.
 
+    Notes
+    -----
+    The covariance is exact for the joint covariance of a graph with the state at t put in, a prior
+    on either side of it. The joint of a graph whose one prior spans t_i to t_j is a little another
+    one, as the prior is not linear; the variance of any direction then differs by a share that
+    falls with the square of t_j - t_i if the acceleration is bounded: thousandths at 0.1 s and
+    1 rad/s, 1e-4 at 25 ms.
+
     Raises
     ------
     ValueError

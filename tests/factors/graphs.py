@@ -20,6 +20,7 @@ QC = np.array([0.02, 0.02, 0.02, 0.002, 0.002, 0.002])
 NOISE = gtsam.noiseModel.Diagonal.Sigmas(np.array([1.4, 1.4, 3.2]))
 
 seeds = st.integers(0, 2**32 - 1)
+durations = st.floats(-6.0, -0.5).map(lambda exponent: float(10.0**exponent))
 
 
 def random_states(seed: int, dt: float, count: int = 2) -> gtsam.Values:
@@ -35,6 +36,11 @@ def random_states(seed: int, dt: float, count: int = 2) -> gtsam.Values:
     in_camera = np.array([*rng.uniform(-1, 1, 2), rng.uniform(2, 6), 1.0])
     values.insert(L(0), values.atPose3(X(0)).matrix()[:3] @ in_camera)
     return values
+
+
+def state(values: gtsam.Values, k: int) -> tuple[Array, Array]:
+    """Pose (4, 4) and velocity (6,) of state k."""
+    return values.atPose3(X(k)).matrix(), values.atVector(V(k))
 
 
 def pose_between(values: gtsam.Values, t_i: float, t_j: float, t: Array | float) -> Array:

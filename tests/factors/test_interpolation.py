@@ -1,17 +1,14 @@
-"""Interpolation: what it returns at states, its covariance, and that optima do not feel it."""
+"""Interpolation: what it returns at states, and that optima do not feel it."""
 
 from __future__ import annotations
 
-from decimal import Decimal, localcontext
-
 import gtsam
 import numpy as np
-from graphs import CAMERA, NOISE, QC, pose_between, random_states, seeds
+from graphs import CAMERA, NOISE, QC, durations, pose_between, random_states, seeds, state
 from gtsam.symbol_shorthand import L, V, X
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from test_oracle import Oracle, oracle, relative_difference  # noqa: F401
 
 from factors import (
     InterpolatedStereoFactor,
@@ -26,15 +23,9 @@ from factors import (
     wnoa_square_root_information,
 )
 from factors.lie import se3_inverse, se3_log
-from factors.wnoa import wnoa_error
 
 Array = NDArray[np.float64]
 examples = settings(deadline=None, max_examples=15)
-durations = st.floats(-6.0, -0.5).map(lambda exponent: float(10.0**exponent))
-
-
-def state(values: gtsam.Values, k: int) -> tuple[Array, Array]:
-    return values.atPose3(X(k)).matrix(), values.atVector(V(k))
 
 
 @given(durations)
@@ -93,70 +84,6 @@ def test_extrapolation_is_interpolation_to_itself(seed: int, dt: float, share: f
     expected = extrapolate(T_i, v_i, share * dt)
     np.testing.assert_allclose(between.pose, expected.pose, atol=1e-13)
     np.testing.assert_allclose(between.velocity, expected.velocity, rtol=0, atol=1e-14 / dt + 1e-14)
-
-
-def test_covariance_is_that_of_a_graph_with_the_state_put_in(oracle: Oracle) -> None:  # noqa: F811
-    """All oracle cases, 10 us among them; the reference inverts the graph with 60 digits."""
-    here = interpolate(oracle.T_i, oracle.v_i, oracle.T_j, oracle.v_j, 0.0, oracle.dt, oracle.tau)
-    first = np.zeros((12, 36))
-    second = np.zeros((12, 36))
-    to, rest = oracle.tau, oracle.dt - oracle.tau
-    _, by_first = wnoa_error(oracle.T_i, oracle.v_i, here.pose, here.velocity, to)
-    _, by_second = wnoa_error(here.pose, here.velocity, oracle.T_j, oracle.v_j, rest)
-    first[:, :24] = wnoa_square_root_information(to, oracle.qc) @ by_first
-    second[:, 12:] = wnoa_square_root_information(rest, oracle.qc) @ by_second
-    priors = np.linalg.cholesky(np.linalg.inv(oracle.prior_covariance)).T
-    own = np.zeros((24, 36))
-    own[:, :12], own[:, 24:] = priors[:, :12], priors[:, 12:]
-    whole = inverse_information(np.vstack([own, first, second]))
-    ends = np.r_[:12, 24:36]
-    state = interpolate(
-        oracle.T_i, oracle.v_i, oracle.T_j, oracle.v_j, 0.0, oracle.dt, oracle.tau,
-        oracle.qc, whole[np.ix_(ends, ends)],
-    )  # fmt: skip
-    assert state.covariance is not None
-    expected = whole[12:24, 12:24]
-    assert np.linalg.eigvalsh(state.covariance)[0] > 0
-    # Half a unit in the last place of the joint covariance already makes 4e-16 / dt^2.
-    tolerance = max(1e-11, 2e-15 * oracle.dt**-2)
-    assert relative_difference(state.covariance, expected) < tolerance
-
-
-def inverse_information(J: Array) -> Array:
-    """(JᵀJ)^-1 in decimals of 60 digits, rounded at the end."""
-    with localcontext() as context:
-        context.prec = 60
-        rows = np.vectorize(Decimal, otypes=[object])(J)
-        n = J.shape[1]
-        table = np.hstack([rows.T @ rows, np.vectorize(Decimal, otypes=[object])(np.eye(n))])
-        for k in range(n):
-            table[k] = table[k] / table[k, k]
-            for i in range(n):
-                if i != k:
-                    table[i] = table[i] - table[i, k] * table[k]
-        return table[:, n:].astype(np.float64)
-
-
-@given(seeds, durations, st.floats(0.001, 0.999))
-@examples
-def test_covariances_are_positive_semidefinite(seed: int, dt: float, share: float) -> None:
-    values = random_states(seed, dt)
-    A = np.random.default_rng(seed).normal(size=(24, 24))
-    joint = A @ A.T
-    between = interpolate(
-        *state(values, 0), *state(values, 1), 0.0, dt, share * dt, QC, joint
-    ).covariance
-    beyond = extrapolate(*state(values, 0), np.array([dt, -dt, 0]), QC, joint[:12, :12]).covariance
-    for covariance in (between, *beyond):
-        assert_semidefinite(covariance)
-    np.testing.assert_array_equal(beyond[2], joint[:12, :12])
-
-
-def assert_semidefinite(covariance: Array) -> None:
-    """No eigenvalue of the correlation matrix is negative beyond rounding."""
-    np.testing.assert_array_equal(covariance, covariance.T)
-    sigmas = np.sqrt(np.diag(covariance))
-    assert np.linalg.eigvalsh(covariance / np.outer(sigmas, sigmas))[0] > -1e-13
 
 
 def solve(factors: list[gtsam.NonlinearFactor], values: gtsam.Values) -> gtsam.Values:
