@@ -79,7 +79,7 @@ def _beside(poses: Path, patterns: tuple[str, ...]) -> list[Path]:
     """One file for each pattern, in the folder of the poses or one above; empty if one lacks."""
     folder = poses.absolute().parent
     for place in (folder, *folder.parents[:FOLDERS_ABOVE]):
-        for where in (place, place / "calibration"):
+        for where in (place, *sorted(place.glob("*calibration"))):
             found = [sorted(where.glob(pattern)) for pattern in patterns]
             if all(len(files) == 1 for files in found):
                 return [files[0] for files in found]

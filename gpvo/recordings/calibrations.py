@@ -22,7 +22,7 @@ KNOWN = (
 
 BESIDE = (
     "cam_to_cam.yaml",
-    "calibration/cam_to_cam.yaml",
+    "*calibration/cam_to_cam.yaml",
     "camera-calibration*.json",
     "*camchain*.yaml",
     "*camchain*.yml",

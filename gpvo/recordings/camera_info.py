@@ -33,6 +33,7 @@ COUNTS: dict[DistortionModel, tuple[int, ...]] = {
     "none": (0, 4, 5),
 }
 MESSAGE = "sensor_msgs/CameraInfo"
+VECTOR_JOINT = "*joint_camera_extrinsic*.yaml"
 
 
 def is_camera_info(fields: Fields) -> bool:
@@ -43,8 +44,8 @@ def is_camera_info(fields: Fields) -> bool:
 def read_camera_info_pair(path: Path) -> StereoRig:
     """The rig of two CameraInfo files, given one of them.
 
-    The transform between the cameras is T_right_left of either file (ESVO), or else that of
-    the projection matrices.
+    The transform between the cameras is that of the projection matrices, T_right_left of either
+    file (ESVO), or that of VECtor's calibration of all cameras beside them.
     """
     both = paired_files(path)
     if both is None:
@@ -53,13 +54,23 @@ def read_camera_info_pair(path: Path) -> StereoRig:
             " right in the names"
         )
     left, right = (load_fields(file, EXPECTED) for file in both)
+    joint = sorted(path.parent.glob(VECTOR_JOINT))
+    if len(joint) == 1 and "T_right_left" not in right.values:
+        right.values["T_right_left"] = _vector_transform(load_fields(joint[0], EXPECTED))
     return camera_info_rig(left, right)
+
+
+def _vector_transform(joint: Fields) -> list[float]:
+    """The first rows of T_right_left; VECtor's cam2 and cam3 are the event cameras."""
+    T_cam0_left = joint.mapping("cam2").transform("T_cam0_cam2")
+    T_cam0_right = joint.mapping("cam3").transform("T_cam0_cam3")
+    return (np.linalg.inv(T_cam0_right) @ T_cam0_left)[:3].ravel().tolist()
 
 
 def camera_info_rig(left: Fields, right: Fields) -> StereoRig:
     """The rig of two CameraInfo."""
     cameras = _camera(left), _camera(right)
-    if has_rectification(left) and has_rectification(right):
+    if is_rectified_pair(left, right):
         R_rect = _matrix(left, "rectification_matrix", 3), _matrix(right, "rectification_matrix", 3)
         for fields, R in zip((left, right), R_rect, strict=True):
             fields.check_rotation("rectification_matrix", R)
@@ -76,14 +87,16 @@ def camera_info_rig(left: Fields, right: Fields) -> StereoRig:
     return rectified_rig(*cameras, T_right_left, source, "T_right_left")
 
 
-def has_rectification(fields: Fields) -> bool:
-    """Whether a CameraInfo has a rectification; drivers leave zeros where there is none."""
+def is_rectified_pair(left: Fields, right: Fields) -> bool:
+    """Whether both have a rectification and a baseline.
+
+    Drivers leave zeros, and calibrations of single cameras the identity, where there is none.
+    """
     names = ("rectification_matrix", "projection_matrix")
-    if any(name not in fields.values for name in names):
+    if any(name not in fields.values for name in names for fields in (left, right)):
         return False
-    return bool(np.any(_matrix(fields, "rectification_matrix", 3))) and bool(
-        np.any(_matrix(fields, "projection_matrix", 4))
-    )
+    P_right = _matrix(right, "projection_matrix", 4)
+    return bool(np.any(_matrix(left, "rectification_matrix", 3))) and bool(P_right[0, 3])
 
 
 def camera_info_of_log(log: MessageLog, left: str, right: str) -> StereoRig | None:
@@ -91,12 +104,10 @@ def camera_info_of_log(log: MessageLog, left: str, right: str) -> StereoRig | No
     names = [f"{topic.rpartition('/')[0]}/camera_info" for topic in (left, right)]
     if names[0] == names[1] or any(name not in log.topics for name in names):
         return None
-    infos = [_message_fields(log, name) for name in names]
-    if infos[0] is None or infos[1] is None:
+    left_info, right_info = (_message_fields(log, name) for name in names)
+    if left_info is None or right_info is None or not is_rectified_pair(left_info, right_info):
         return None
-    if not any(np.any(info.values["projection_matrix"]["data"]) for info in infos if info):
-        return None
-    return camera_info_rig(infos[0], infos[1])
+    return camera_info_rig(left_info, right_info)
 
 
 def _message_fields(log: MessageLog, name: str) -> Fields | None:

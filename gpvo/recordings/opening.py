@@ -62,6 +62,9 @@ FORMATS = (
 )
 """Tried in this order."""
 
+SUFFIXES = (".hdf5", ".h5", ".bag", ".mcap")
+"""Of recordings in one file."""
+
 
 def open_recording(
     path: Path | str,
@@ -74,8 +77,8 @@ def open_recording(
     Parameters
     ----------
     path
-        The recording; its format is found from what it holds, not from its name. Of two files,
-        one for each camera, name either, or their folder.
+        The recording, or a folder with one; its format is found from what it holds, not from its
+        name. Of two files, one for each camera, name either, or their folder.
     calibration
         File of the stereo calibration: see `read_calibration`; or a rig. Not needed if the
         recording holds it, or if the only one lies beside it.
@@ -96,7 +99,23 @@ def open_recording(
             if not isinstance(calibration, StereoRig):
                 check_sensor_size(recording, calibration)
             return recording
+    if path.is_dir() and (inside := _recordings_in(path)):
+        if len(inside) > 1:
+            raise InputError(
+                f"{path}: holds several recordings; name one: {' '.join(map(str, inside))}"
+            )
+        return open_recording(inside[0], calibration, left_topic, right_topic)
     raise InputError(_unknown(path, FORMATS))
+
+
+def _recordings_in(folder: Path) -> list[Path]:
+    """Recordings in one file that lie in a folder, without ground truths."""
+    files = [
+        file
+        for file in sorted(folder.iterdir())
+        if file.suffix in SUFFIXES and file.is_file() and not file.stem.endswith("_gt")
+    ]
+    return [file for file in files if any(one.recognise(file) for one in FORMATS)]
 
 
 def _unknown(path: Path, formats: Sequence[Format]) -> str:

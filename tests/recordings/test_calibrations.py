@@ -146,6 +146,25 @@ def test_camera_info(tmp_path: Path, write_camchain: Write, model: str, rectifie
         assert_same_rig(read_calibration(path), rig)
 
 
+def test_vector(tmp_path: Path, write_camchain: Write) -> None:
+    """CameraInfo of single cameras, and a file with the poses of all of them."""
+    rig = reference(write_camchain, "radtan")
+    T_cam0_left = turned(20.0, 0.1, 0.0, 0.02)
+    for side, camera in (("left", rig.left), ("right", rig.right)):
+        content = camera_info(rig, side, True)
+        content["rectification_matrix"]["data"] = np.eye(3).ravel().tolist()
+        P = np.column_stack([camera.K, np.zeros(3)])
+        content["projection_matrix"]["data"] = P.ravel().tolist()
+        (tmp_path / f"{side}_event_camera.yaml").write_text(yaml.safe_dump(content))
+    joint = {
+        "cam2": {"T_cam0_cam2": T_cam0_left.tolist()},
+        "cam3": {"T_cam0_cam3": (T_cam0_left @ np.linalg.inv(T_RIGHT_LEFT)).tolist()},
+    }
+    path = tmp_path / "small_scale_joint_camera_extrinsic_results.yaml"
+    path.write_text(yaml.safe_dump(joint))
+    assert_same_rig(read_calibration(tmp_path / "left_event_camera.yaml"), rig)
+
+
 @pytest.mark.parametrize("model", LENS)
 def test_camchains_that_we_write(tmp_path: Path, write_camchain: Write, model: str) -> None:
     """With its rectification and, without that, from T_cn_cnm1."""
@@ -166,8 +185,10 @@ def test_calibration_beside_the_recording(tmp_path: Path, write_camchain: Write)
     left, right = event_block(400, 1), event_block(400, 2)
     for side, block in (("left", left), ("right", right)):
         column_file(folder / f"events/{side}/events.h5", block)
-    (folder / "calibration").mkdir()
-    (folder / "calibration/cam_to_cam.yaml").write_text(yaml.safe_dump(dsec(rig, T_RIGHT_LEFT)))
+    (folder / "zurich_calibration").mkdir()
+    (folder / "zurich_calibration/cam_to_cam.yaml").write_text(
+        yaml.safe_dump(dsec(rig, T_RIGHT_LEFT))
+    )
     for path in (folder, folder / "events/left/events.h5"):
         assert_same_rig(open_recording(path).rig, rig)
     (folder / "another_camchain.yaml").write_text(yaml.safe_dump(camchain()))

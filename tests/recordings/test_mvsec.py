@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_files import camchain, event_rows, write_mvsec
 
+from gpvo.errors import InputError
 from gpvo.recordings import Events, Recording, mvsec, open_recording
 from gpvo.recordings.mvsec import MvsecRecording
 
@@ -136,6 +137,19 @@ def test_only_blocks_of_the_interval_are_read(
     next(recording.slabs(0.3))
     assert max(rows_read) == 10
     assert sum(rows_read) < 500
+
+
+def test_folder_with_one_recording(tmp_path: Path, files: tuple, rows: tuple) -> None:
+    folder = tmp_path / "indoor_flying1"
+    folder.mkdir()
+    for name in ("a_data.hdf5", "a_gt.hdf5"):
+        (folder / name).write_bytes(files[0].read_bytes())
+    (folder / "camchain.yaml").write_bytes(files[1].read_bytes())
+    left, _ = read_all(open_recording(folder))
+    assert_same(left, expected(rows[0], rows[0][0, 2]))
+    (folder / "b_data.hdf5").write_bytes(files[0].read_bytes())
+    with pytest.raises(InputError, match=r"name one: .*a_data\.hdf5 .*b_data\.hdf5"):
+        open_recording(folder)
 
 
 def test_semi_synthetic_slice_of_indoor_flying(shared: Path) -> None:
