@@ -105,6 +105,10 @@ class IncrementalSmoother:
         knots = self._knots_before(np.inf)
         return Trajectory.of_states(self._states, knots, self._make.noise, start_ns)
 
+    def settled(self, after: float) -> States:
+        """States later than `after` that will not change any more."""
+        return self._states[: self._first_active].after(after)
+
     def _start(self, increment: _Increment, t: float, fit: VelocityFit | None) -> None:
         """The first state, whose pose defines the world."""
         self._states = start_states(t, fit, self._make.noise)
@@ -200,13 +204,23 @@ class IncrementalSmoother:
             self._knots = self._knots_before(self._cluster_ends[0])
             self._smoother.setSmootherLag(lag)
         self._smoother.update(increment.graph, increment.values, increment.stamps)
-        self._active = self._smoother.calculateEstimate()
-        while not self._active.exists(X(self._first_active)):
-            self._first_active += 1
-        self._solved = len(self._states)
-        active = range(self._first_active, self._solved)
-        newest = states_of(self._active, active, self._states.t[self._first_active :])
+        estimate = self._smoother.calculateEstimate()
+        first = self._first_active
+        while not estimate.exists(X(first)):
+            first += 1
+        newest = states_of(estimate, range(first, len(self._states)), self._states.t[first:])
+        self._check_landmarks(estimate, newest)
+        self._active, self._first_active, self._solved = estimate, first, len(self._states)
         self._states.replace_from(newest)
+
+    def _check_landmarks(self, estimate: gtsam.Values, states: States) -> None:
+        """RuntimeError that names a landmark that is behind the camera where it was measured."""
+        used = self._used[self._used.t >= states.t[0]]
+        T_world_cam, _ = states.query(used.t)
+        for number, T in zip(used.landmark.tolist(), T_world_cam, strict=True):
+            ray = estimate.atPoint3(L(number)) - T[:3, 3]
+            if not ray @ T[:3, 2] > 0:
+                raise RuntimeError(f"landmark l{number} is behind the camera")
 
     def _knots_before(self, stop: float) -> CovarianceKnots:
         """Knots so far, and the next as long as the one before them is older than `stop`."""
