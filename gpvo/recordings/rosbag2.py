@@ -92,6 +92,11 @@ class SqliteBag(MessageLog):
             raise InputError(
                 f"{self.path}: cannot be read as a ROS 2 bag ({error}); copy it again"
             ) from error
+        if _missing_bytes(self.path):
+            self.notes.append(
+                f"{self.path}: the file is cut short, {_missing_bytes(self.path)} bytes of it are"
+                " missing; copy it again, or go on with what is intact"
+            )
         named = [(number, str(name), str(kind)) for number, name, kind in rows]
         self.topics = {
             name: Topic(name, kind.replace("/msg/", "/"), "cdr") for _, name, kind in named
@@ -118,6 +123,15 @@ class SqliteBag(MessageLog):
         journal = self.path.with_name(self.path.name + "-wal").exists()
         mode = "mode=ro" if journal else "immutable=1"
         return sqlite3.connect(f"file:{quote(str(self.path.absolute()))}?{mode}", uri=True)
+
+
+def _missing_bytes(path: Path) -> int:
+    """How much shorter a database is than its header says; SQLite reads zeros there."""
+    with path.open("rb") as file:
+        header = file.read(32)
+    page = int.from_bytes(header[16:18], "big")
+    size = (65536 if page == 1 else page) * int.from_bytes(header[28:32], "big")
+    return max(0, size - path.stat().st_size)
 
 
 def _unpacked(data: bytes) -> bytes:
