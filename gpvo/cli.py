@@ -234,7 +234,8 @@ def run_and_write(
     duration: float = np.inf,
 ) -> None:
     """Run the odometry with a progress bar, print the tables, write the results."""
-    from gpvo.odometry import Odometry
+    from gpvo.live_file import LiveFile
+    from gpvo.odometry import ClusterReport, Odometry
     from gpvo.progress import RunProgress
     from gpvo.results import Result, evaluate_trajectory, prepare_folder
 
@@ -245,8 +246,15 @@ def run_and_write(
     folder = prepare_folder(folder)
     odometry = Odometry(recording.rig, configuration)
     began = time.perf_counter()
-    with RunProgress(console, start, min(start + duration, recording.duration)) as progress:
-        trajectory = odometry.run(recording, start, duration, progress.advance)
+    stop = min(start + duration, recording.duration)
+    live = LiveFile(folder / "trajectory.tum", odometry, recording.start_ns)
+    with RunProgress(console, start, stop) as progress, live:
+
+        def advance(report: ClusterReport) -> None:
+            progress.advance(report)
+            live.append_settled()
+
+        trajectory = odometry.run(recording, start, duration, advance)
     spent = time.perf_counter() - began
     evaluation = evaluate_trajectory(trajectory, truth) if truth else None
     result = Result(trajectory, odometry.reports, configuration, evaluation, truth)

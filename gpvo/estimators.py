@@ -12,6 +12,7 @@ from gpvo.incremental import IncrementalSmoother
 from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair
 from gpvo.sliding_window import SlidingWindow
+from gpvo.states import States
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 
@@ -28,6 +29,10 @@ class Estimator(Protocol):
         self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
     ) -> None:
         """Take what cluster number `frame`, which ended at `stop` seconds, added."""
+        ...
+
+    def settled(self, after: float) -> States:
+        """States later than `after` seconds that will not change any more."""
         ...
 
     def trajectory(self, start_ns: int) -> Trajectory | None:

@@ -84,6 +84,11 @@ class FixedLagSmoother:
             states = deviations.merged(states)
         return Trajectory.of_states(states, knots, self._sensor.noise, start_ns)
 
+    def settled(self, after: float) -> States:
+        """Key states later than `after` that will not change any more."""
+        newest = [part for part in self._final[-2:] if part.t[-1] > after]
+        return States.concatenate(newest).after(after) if newest else States()
+
     @property
     def stored_bytes(self) -> int:
         """Size of the final estimates and their covariances."""

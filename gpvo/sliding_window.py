@@ -38,6 +38,7 @@ class SlidingWindow:
         self._knots = CovarianceKnots()
         self._measurements = Measurements.concatenate([])
         self._coasting = np.empty(0)
+        self._start = -np.inf
 
     def update(
         self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
@@ -57,7 +58,8 @@ class SlidingWindow:
         t = self._window_times()
         if len(t) < 2:
             return
-        self._knots = self._knots_until(t[0], earlier)
+        self._start = t[0]
+        self._knots = self._knots_until(self._start, earlier)
         self._states.replace_from(self._optimized(t, fit))
 
     def _optimized(self, t: Array, fit: VelocityFit | None) -> States:
@@ -84,6 +86,10 @@ class SlidingWindow:
             return None
         knots = self._knots_until(self._states.t[-1], self._measurements)
         return Trajectory.of_states(self._states, knots, self._make.noise, start_ns)
+
+    def settled(self, after: float) -> States:
+        """States later than `after` that will not change any more."""
+        return self._states[: int(np.searchsorted(self._states.t, self._start))].after(after)
 
     @property
     def _anchor_deviations(self) -> Array:

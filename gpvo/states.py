@@ -33,6 +33,10 @@ class States:
         columns = [(part.t, part.T_world_cam, part.twist) for part in parts]
         return States(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
+    def after(self, t: float) -> States:
+        """Those later than t."""
+        return self[int(np.searchsorted(self.t, t, "right")) :]
+
     def replace_from(self, newer: States) -> None:
         """Replace all states from the first time of others on by those."""
         kept = int(np.searchsorted(self.t, newer.t[0]))

@@ -35,8 +35,11 @@ class TumWriter:
     ...     writer.append(stamp_ns, T_world_cam)
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, comment: str = "") -> None:
         self._file = open(path, "w", encoding="ascii", newline="\n")  # noqa: SIM115
+        if comment:
+            self._file.write(f"# {comment}\n")
+            self._file.flush()
 
     def append(self, stamp_ns: int, T_world_cam: NDArray[np.float64]) -> None:
         """Append one pose (4, 4) at an absolute stamp."""
@@ -57,8 +60,10 @@ class TumWriter:
 
 
 def write_tum(path: Path | str, poses: StampedPoses) -> None:
-    """Write poses as a TUM file."""
-    Path(path).write_bytes("".join(tum_lines(poses)).encode("ascii"))
+    """Write poses as a TUM file; a file of that name is replaced once the new one is whole."""
+    unfinished = Path(f"{path}.unfinished")
+    unfinished.write_bytes("".join(tum_lines(poses)).encode("ascii"))
+    unfinished.replace(path)
 
 
 def read_tum(path: Path | str) -> StampedPoses:

@@ -153,6 +153,10 @@ class _Recorder:
         """Remember a cluster's measurements."""
         self.clusters.append(measurements)
 
+    def settled(self, after: float) -> States:
+        """There are none."""
+        return States()
+
     def trajectory(self, start_ns: int) -> None:
         """There is none."""
 

@@ -1,0 +1,48 @@
+"""The trajectory on disk while it is estimated, so that a crash or a kill loses little."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from gpvo.errors import InputError
+from gpvo.odometry import Odometry
+from gpvo.tum import TumWriter
+
+UNFINISHED = "unfinished: the poses that were final when gpvo run last wrote, or was stopped"
+"""First line of the file, a comment; a finished file has none."""
+
+
+class LiveFile:
+    """Appends poses to a TUM file as soon as they are final, whole lines at a time.
+
+    If the recording turns out to be faulty the file is removed, so that it is not taken for a
+    result.
+    """
+
+    def __init__(self, path: Path, odometry: Odometry, start_ns: int) -> None:
+        self._path, self._odometry, self._start_ns = path, odometry, start_ns
+        self._last = -np.inf
+
+    def __enter__(self) -> LiveFile:
+        self._writer = TumWriter(self._path, UNFINISHED)
+        return self
+
+    def append_settled(self) -> None:
+        """Append what has become final since the last call."""
+        settled = self._odometry.estimator.settled(self._last)
+        for t, T_world_cam in zip(settled.t.tolist(), settled.T_world_cam, strict=True):
+            self._writer.append(self._start_ns + round(t * 1e9), T_world_cam)
+            self._last = t
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._writer.__exit__(kind, error, traceback)
+        if isinstance(error, InputError):
+            self._path.unlink(missing_ok=True)
