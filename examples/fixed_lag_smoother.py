@@ -6,6 +6,8 @@ its own time, between two states. Run as ``python -m examples.fixed_lag_smoother
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, V, X
@@ -15,6 +17,7 @@ from factors import InterpolatedStereoFactor, StereoCamera, WnoaPriorFactor, ext
 from factors.lie import se3_inverse, se3_log
 
 Array = NDArray[np.float64]
+Measurement = tuple[float, int, Array]  # seconds, number of the landmark, (u_left, v, disparity)
 
 CAMERA = StereoCamera(fx=226.0, fy=226.0, cx=173.0, cy=130.0, baseline=0.1)
 TWIST = np.array([0.1, 0.2, 0.1, 0.2, 0.1, 0.3])  # the true motion, rad/s and m/s
@@ -22,6 +25,70 @@ QC = np.array([0.02, 0.02, 0.02, 0.2, 0.2, 0.2])
 PIXELS = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.3, 0.3, 0.3]))
 STEP, LAG, STATES = 0.02, 0.2, 30
 LANDMARKS, PER_STEP = 20, 12
+
+
+def measurements(rng: np.random.Generator) -> Iterator[list[Measurement]]:
+    """What is measured in each step of 20 ms, in order of time."""
+    points = np.column_stack([rng.uniform(-1.5, 1.5, (LANDMARKS, 2)), rng.uniform(2, 5, LANDMARKS)])
+    for k in range(STATES):
+        times = np.sort(rng.uniform(k * STEP, (k + 1) * STEP, PER_STEP)).round(6)
+        numbers = rng.integers(LANDMARKS, size=PER_STEP)
+        homogeneous = np.column_stack([points[numbers], np.ones(PER_STEP)])[..., None]
+        in_camera = se3_inverse(extrapolate(np.eye(4), TWIST, times).pose) @ homogeneous
+        noise = rng.normal(size=(PER_STEP, 3)) * PIXELS.sigmas()
+        measured = CAMERA.project(in_camera[:, :3, 0]) + noise
+        yield list(zip(times.tolist(), numbers.tolist(), measured, strict=True))
+
+
+class Odometry:
+    """The newest state (pose, velocity), and what the next update of the smoother brings."""
+
+    def __init__(self) -> None:
+        self.pose, self.velocity, self.k = np.eye(4), np.zeros(6), 0
+        self.smoother = make_smoother()
+        # While Python holds it, GTSAM does not copy all values for each factor written in Python.
+        self.linearization_point = self.smoother.getLinearizationPoint()
+        self.start_update()
+        self.add_state(0, self.pose, 0.0)
+        tight, loose = (gtsam.noiseModel.Isotropic.Sigma(6, sigma) for sigma in (1e-4, 1.0))
+        self.graph.add(gtsam.PriorFactorPose3(X(0), gtsam.Pose3(), tight))
+        self.graph.add(gtsam.PriorFactorVector(V(0), np.zeros(6), loose))
+
+    def start_update(self) -> None:
+        """Nothing new yet."""
+        self.graph, self.values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        self.stamps: dict[int, float] = {}
+
+    def add_state(self, k: int, pose: Array, t: float) -> None:
+        """State k, about where the motion so far leads."""
+        self.values.insert(X(k), gtsam.Pose3(pose))
+        self.values.insert(V(k), self.velocity)
+        self.stamps |= {X(k): t, V(k): t}
+
+    def step(self, measured: list[Measurement]) -> Array:
+        """Pose (4, 4) of the next state, 20 ms on, with what was measured until then."""
+        i, j = self.k, self.k + 1
+        self.add_state(j, extrapolate(self.pose, self.velocity, STEP).pose, j * STEP)
+        self.graph.add(WnoaPriorFactor(X(i), V(i), X(j), V(j), STEP, QC))
+        for measurement in measured:
+            self.add_measurement(*measurement)
+        self.smoother.update(self.graph, self.values, self.stamps)
+        self.smoother.update()
+        self.start_update()
+        self.pose = self.smoother.calculateEstimatePose3(X(j)).matrix()
+        self.velocity, self.k = self.smoother.calculateEstimateVector(V(j)), j
+        return self.pose
+
+    def add_measurement(self, t: float, n: int, measured: Array) -> None:
+        """A measurement of landmark n at its own time, between the newest states."""
+        i, j = self.k, self.k + 1
+        keys = X(i), V(i), X(j), V(j), L(n)
+        times = i * STEP, j * STEP, t
+        self.graph.add(InterpolatedStereoFactor(measured, PIXELS, *keys, CAMERA, *times))
+        self.stamps[L(n)] = j * STEP  # keeps the landmark in the window
+        if not (self.linearization_point.exists(L(n)) or self.values.exists(L(n))):
+            ahead = extrapolate(self.pose, self.velocity, t - i * STEP).pose
+            self.values.insert(L(n), (ahead @ np.r_[CAMERA.triangulate(measured), 1.0])[:3])
 
 
 def make_smoother() -> gtsam.IncrementalFixedLagSmoother:
@@ -36,55 +103,13 @@ def make_smoother() -> gtsam.IncrementalFixedLagSmoother:
 
 def main() -> Array:
     """Errors (n, 6) of the newest state at each update, against the true motion."""
-    rng = np.random.default_rng(0)
-    points = np.column_stack([rng.uniform(-1.5, 1.5, (LANDMARKS, 2)), rng.uniform(2, 5, LANDMARKS)])
-    smoother = make_smoother()
-    # While Python holds it, GTSAM does not copy all its values for each factor written in Python.
-    linearization_point = smoother.getLinearizationPoint()
-    tight = gtsam.noiseModel.Isotropic.Sigma(6, 1e-4)
-    loose = gtsam.noiseModel.Isotropic.Sigma(6, 1.0)
-    graph = gtsam.NonlinearFactorGraph()
-    graph.add(gtsam.PriorFactorPose3(X(0), gtsam.Pose3(), tight))
-    graph.add(gtsam.PriorFactorVector(V(0), np.zeros(6), loose))
-    pose, velocity, known = np.eye(4), np.zeros(6), set()
-    values, stamps = gtsam.Values(), {X(0): 0.0, V(0): 0.0}
-    values.insert(X(0), gtsam.Pose3())
-    values.insert(V(0), velocity)
-    errors = []
-    for k in range(STATES):
-        i, j = k, k + 1
-        t_i, t_j = i * STEP, j * STEP
-        graph.add(WnoaPriorFactor(X(i), V(i), X(j), V(j), STEP, QC))
-        ahead = extrapolate(pose, velocity, STEP)
-        values.insert(X(j), gtsam.Pose3(ahead.pose))
-        values.insert(V(j), velocity)
-        stamps |= {X(j): t_j, V(j): t_j}
-        for t in np.sort(rng.uniform(t_i, t_j, PER_STEP)).round(6):
-            n = int(rng.integers(LANDMARKS))
-            true_pose = extrapolate(np.eye(4), TWIST, t).pose
-            in_camera = (se3_inverse(true_pose) @ np.r_[points[n], 1.0])[:3]
-            measured = CAMERA.project(in_camera) + rng.normal(size=3) * PIXELS.sigmas()
-            states = X(i), V(i), X(j), V(j)
-            graph.add(
-                InterpolatedStereoFactor(measured, PIXELS, *states, L(n), CAMERA, t_i, t_j, t)
-            )
-            stamps[L(n)] = t_j  # keeps the landmark in the window
-            if n not in known:
-                seen = np.r_[CAMERA.triangulate(measured), 1.0]
-                values.insert(L(n), (extrapolate(pose, velocity, t - t_i).pose @ seen)[:3])
-                known.add(n)
-        smoother.update(graph, values, stamps)
-        smoother.update()
-        graph, values, stamps = gtsam.NonlinearFactorGraph(), gtsam.Values(), {}
-        known = {n for n in known if linearization_point.exists(L(n))}
-        pose = smoother.calculateEstimatePose3(X(j)).matrix()
-        velocity = smoother.calculateEstimateVector(V(j))
-        errors.append(se3_log(se3_inverse(pose) @ extrapolate(np.eye(4), TWIST, t_j).pose))
-    print(
-        f"{STATES} states, largest position error "
-        f"{1e3 * np.linalg.norm(np.array(errors)[:, 3:], axis=1).max():.1f} mm"
-    )
-    return np.array(errors)
+    odometry = Odometry()
+    poses = np.array([odometry.step(each) for each in measurements(np.random.default_rng(0))])
+    truth = extrapolate(np.eye(4), TWIST, STEP * np.arange(1, STATES + 1)).pose
+    errors = se3_log(se3_inverse(poses) @ truth)
+    largest = np.linalg.norm(errors[:, 3:], axis=1).max()
+    print(f"{STATES} states, largest position error {1e3 * largest:.1f} mm")
+    return errors
 
 
 if __name__ == "__main__":

@@ -36,3 +36,19 @@ def test_fixed_lag_smoother(capsys: pytest.CaptureFixture[str]) -> None:
     assert np.linalg.norm(errors[:, 3:], axis=1).max() < 0.03
     assert np.linalg.norm(errors[:, :3], axis=1).max() < 0.02
     assert "states" in capsys.readouterr().out
+
+
+def test_pose_graph(capsys: pytest.CaptureFixture[str]) -> None:
+    """Between the measurements poses are known better than a measured one, and velocities too."""
+    example = load("pose_graph")
+    errors, velocity = example.main()
+    assert (errors.std(axis=0) < 0.6 * example.SIGMAS).all()
+    assert np.abs(velocity).max() < 0.1
+    assert "at all times" in capsys.readouterr().out
+
+
+def test_tracklets_in_a_graph(capsys: pytest.CaptureFixture[str]) -> None:
+    """Tracklets take away most of what the odometry drifts."""
+    alone, held = load("tracklets_in_a_graph").main()
+    assert held < 0.03 < 0.1 < alone
+    assert "tracklets" in capsys.readouterr().out
