@@ -6,7 +6,6 @@ reads a few bytes of each chunk only.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,13 +20,18 @@ from gpvo.recordings.logs import (
     UnpackedChunks,
     unpack,
 )
+from gpvo.recordings.rosbag1_records import (
+    DamagedRecordError,
+    operation_of,
+    parse_fields,
+    read_header,
+    records,
+    u4,
+)
 from gpvo.recordings.streams import Faults
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
-LARGEST_HEADER = 1 << 20
-
-_U4 = struct.Struct("<I")
 
 
 def is_rosbag1(path: Path) -> bool:
@@ -36,10 +40,6 @@ def is_rosbag1(path: Path) -> bool:
         return False
     with path.open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
-
-
-class DamagedRecordError(Exception):
-    """A record that makes no sense, or ends behind the end of the file."""
 
 
 @dataclass
@@ -106,8 +106,8 @@ class RosBag1(MessageLog):
 
     def _record(self, file: BinaryIO, at: int, end: int) -> int:
         """Take note of the record at a position; the position of the next one."""
-        header, data_at, size = _read_header(file, at, end)
-        operation = _operation(header)
+        header, data_at, size = read_header(file, at, end)
+        operation = operation_of(header)
         if operation == CHUNK:
             chunk = _chunk(header, data_at, size, end)
             self._chunks.append(chunk)
@@ -115,7 +115,7 @@ class RosBag1(MessageLog):
             raise DamagedRecordError("the file is cut short or damaged")
         if operation == INDEX and self._chunks:
             latest = self._chunks[-1]
-            latest.connections = (latest.connections or set()) | {_u4(header, b"conn")}
+            latest.connections = (latest.connections or set()) | {u4(header, b"conn")}
         elif operation == CONNECTION:
             file.seek(data_at)
             self._connection(header, file.read(size))
@@ -124,7 +124,7 @@ class RosBag1(MessageLog):
         return data_at + size
 
     def _connection(self, header: dict[bytes, bytes], data: bytes) -> None:
-        number, fields = _u4(header, b"conn"), _fields(data)
+        number, fields = u4(header, b"conn"), parse_fields(data)
         try:
             name, kind = header[b"topic"].decode(), fields[b"type"].decode()
             digest = fields.get(b"md5sum", b"").decode()
@@ -139,9 +139,9 @@ class RosBag1(MessageLog):
             chunk.connections = None
             try:
                 data = _unpacked(file, chunk)
-                for packed, start, stop in _records(data):
-                    header = _fields(packed)
-                    if _operation(header) == CONNECTION:
+                for packed, start, stop in records(data):
+                    header = parse_fields(packed)
+                    if operation_of(header) == CONNECTION:
                         self._connection(header, data[start:stop])
             except (DamagedChunkError, DamagedRecordError):
                 continue
@@ -160,8 +160,8 @@ class RosBag1(MessageLog):
         kind = header[: at + 5] + header[at + 13 :]
         number = self._known_headers.get(kind)
         if number is None:
-            fields = _fields(header)
-            number = _u4(fields, b"conn") if _operation(fields) == MESSAGE else -1
+            fields = parse_fields(header)
+            number = u4(fields, b"conn") if operation_of(fields) == MESSAGE else -1
             self._known_headers[kind] = number
         return number
 
@@ -171,77 +171,18 @@ class RosBag1(MessageLog):
         try:
             data = self._chunk_data(file, chunk)
             view = memoryview(data)
-            for header, start, stop in _records(data):
+            for header, start, stop in records(data):
                 if self._connection_of(header) in wanted:
                     yield view[start:stop]
         except (DamagedChunkError, DamagedRecordError):
             faults[DAMAGED] += 1
 
 
-def _read_header(file: BinaryIO, at: int, end: int) -> tuple[dict[bytes, bytes], int, int]:
-    """Header fields of the record at a position, and position and size of its data."""
-    file.seek(at)
-    length = _u4_of(file.read(4))
-    if length > min(LARGEST_HEADER, end - at):
-        raise DamagedRecordError("the file is cut short or damaged")
-    header = _fields(file.read(length))
-    return header, at + 8 + length, _u4_of(file.read(4))
-
-
 def _chunk(header: dict[bytes, bytes], at: int, size: int, end: int) -> _Chunk:
     compression = header.get(b"compression", b"").decode(errors="replace")
-    return _Chunk(at, min(size, end - at), _u4(header, b"size"), compression)
+    return _Chunk(at, min(size, end - at), u4(header, b"size"), compression)
 
 
 def _unpacked(file: BinaryIO, chunk: _Chunk) -> bytes:
     file.seek(chunk.at)
     return unpack(chunk.compression, file.read(chunk.stored), chunk.size)
-
-
-def _records(data: bytes) -> Iterator[tuple[bytes, int, int]]:
-    """Header, start and stop of the data of each record in a chunk."""
-    at, end = 0, len(data)
-    while at < end:
-        if at + 8 > end:
-            raise DamagedRecordError("a chunk ends early")
-        length = _U4.unpack_from(data, at)[0]
-        start = at + 8 + length
-        if start > end:
-            raise DamagedRecordError("a chunk ends early")
-        header = data[at + 4 : start - 4]
-        stop = start + int(_U4.unpack_from(data, start - 4)[0])
-        if stop > end:
-            raise DamagedRecordError("a chunk ends early")
-        yield header, start, stop
-        at = stop
-
-
-def _fields(data: bytes) -> dict[bytes, bytes]:
-    """name=value fields, each after its length."""
-    fields: dict[bytes, bytes] = {}
-    at, end = 0, len(data)
-    while at < end:
-        length = _u4_of(data[at : at + 4])
-        name, equals, value = data[at + 4 : at + 4 + length].partition(b"=")
-        at += 4 + length
-        if not equals or at > end:
-            raise DamagedRecordError("the file is damaged")
-        fields[name] = value
-    return fields
-
-
-def _operation(header: dict[bytes, bytes]) -> int:
-    value = header.get(b"op", b"")
-    if len(value) != 1:
-        raise DamagedRecordError("the file is damaged")
-    return value[0]
-
-
-def _u4(header: dict[bytes, bytes], name: bytes) -> int:
-    return _u4_of(header.get(name, b""))
-
-
-def _u4_of(value: bytes) -> int:
-    if len(value) != 4:
-        raise DamagedRecordError("the file is cut short or damaged")
-    return int(_U4.unpack(value)[0])
