@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,8 +13,7 @@ from rich.console import Console
 from gpvo.config import Configuration
 from gpvo.configuration_file import configuration_text, load_configuration
 from gpvo.errors import InputError
-from gpvo.poses import StampedPoses
-from gpvo.recordings import Recording, open_recording
+from gpvo.recordings import open_recording
 from gpvo.recordings.kalibr import read_kalibr
 
 BAD_INPUT = 2
@@ -53,33 +51,39 @@ def main() -> None:
 @app.command()
 def run(
     recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
-    calibration: Calibration = None,
+    calibration: AnyCalibration = None,
     ground_truth: GroundTruth = None,
     output: Output = None,
     config: Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")] = None,
     start: Annotated[float, typer.Option(min=0, help="Seconds to skip.")] = 0.0,
     duration: Annotated[float | None, typer.Option(min=0, help="Seconds to process.")] = None,
     seed: Seed = None,
+    left_topic: LeftTopic = None,
+    right_topic: RightTopic = None,
 ) -> None:
     """Estimate the motion of a recording; write trajectory, metrics and plots."""
+    from gpvo.run_command import load_ground_truth, run_and_write
+
     configuration = load_configuration(config) if config else Configuration()
-    opened = open_recording(recording, calibration)
+    opened = open_recording(recording, calibration, left_topic, right_topic)
     truth = load_ground_truth(ground_truth, opened) if ground_truth else None
     span = (start, np.inf if duration is None else duration)
     folder = output or Path("results") / recording.stem
-    run_and_write(opened, seeded(configuration, seed), folder, truth, *span)
+    run_and_write(opened, seeded(configuration, seed), folder, truth, console, *span)
 
 
 @app.command()
 def demo(output: Output = None, seed: Seed = None) -> None:
     """Simulate a few seconds of stereo events and estimate the motion."""
+    from gpvo.run_command import run_and_write
     from gpvo.simulation.recording import SimulationConfig, simulate
 
     simulation = SimulationConfig(seed=1 if seed is None else seed, duration=2.0)
     with console.status("simulating stereo events of a textured room"):
         recording = simulate(simulation)
     folder = output or Path("results") / "demo"
-    run_and_write(recording, seeded(Configuration(), seed), folder, recording.ground_truth)
+    configuration = seeded(Configuration(), seed)
+    run_and_write(recording, configuration, folder, recording.ground_truth, console)
 
 
 @app.command(name="eval")
@@ -133,6 +137,7 @@ def tune_noise(
     config: Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")] = None,
 ) -> None:
     """Learn Q_c and R by maximum likelihood; print them as YAML for `--config`."""
+    from gpvo.run_command import load_ground_truth
     from gpvo.tune_noise import noise_text, tuned_on_recording
 
     opened = open_recording(recording, calibration)
@@ -163,6 +168,7 @@ def inspect_front_end(
     """Hold features, tracklets, times and MC-RANSAC against the truth: table, JSON, plots."""
     from gpvo.inspection_command import inspect_command, simulated
     from gpvo.inspection_truth import truth_of_poses
+    from gpvo.run_command import load_ground_truth
 
     is_simulation = recording.suffix in (".yaml", ".yml")
     opened = simulated(recording) if is_simulation else open_recording(recording, calibration)
@@ -209,57 +215,3 @@ def convert_recording(
 def seeded(configuration: Configuration, seed: int | None) -> Configuration:
     """The configuration with another seed, if one is given."""
     return configuration if seed is None else configuration.model_copy(update={"seed": seed})
-
-
-def load_ground_truth(path: Path, recording: Recording) -> StampedPoses:
-    """Poses of the ground truth, checked to share time with the recording."""
-    from gpvo.evaluation.loading import load_poses
-
-    poses = load_poses(path, recording.rig)
-    end_ns = recording.stamp_ns(recording.duration)
-    if poses.stamps_ns[-1] <= recording.start_ns or poses.stamps_ns[0] >= end_ns:
-        raise InputError(
-            f"{path}: its stamps, from {poses.stamps_ns[0] * 1e-9:.3f} s, have no time in common"
-            f" with {recording.path}, from {recording.start_ns * 1e-9:.3f} s"
-        )
-    return poses
-
-
-def run_and_write(
-    recording: Recording,
-    configuration: Configuration,
-    folder: Path,
-    truth: StampedPoses | None,
-    start: float = 0.0,
-    duration: float = np.inf,
-) -> None:
-    """Run the odometry with a progress bar, print the tables, write the results."""
-    from gpvo.live_file import LiveFile
-    from gpvo.odometry import ClusterReport, Odometry
-    from gpvo.progress import RunProgress
-    from gpvo.results import Result, evaluate_trajectory, prepare_folder
-
-    if start >= recording.duration:
-        raise InputError(
-            f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"
-        )
-    folder = prepare_folder(folder)
-    odometry = Odometry(recording.rig, configuration)
-    began = time.perf_counter()
-    stop = min(start + duration, recording.duration)
-    live = LiveFile(folder / "trajectory.tum", odometry, recording.start_ns)
-    with RunProgress(console, start, stop) as progress, live:
-
-        def advance(report: ClusterReport) -> None:
-            progress.advance(report)
-            live.append_settled()
-
-        trajectory = odometry.run(recording, start, duration, advance)
-    spent = time.perf_counter() - began
-    evaluation = evaluate_trajectory(trajectory, truth) if truth else None
-    result = Result(trajectory, odometry.reports, configuration, evaluation, truth)
-    result.write(folder)
-    console.print(result.table(spent))
-    if evaluation is not None:
-        console.print(evaluation)
-    console.print(f"results: {folder}")

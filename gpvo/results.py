@@ -17,8 +17,10 @@ from gpvo.evaluation import Evaluation, evaluate
 from gpvo.evaluation.association import common_part
 from gpvo.evaluation.evaluate import common_stamps
 from gpvo.evaluation.plots import error_figure, path_figure, save_figure, series_figure
+from gpvo.evaluation.stretches import weak_stretches
 from gpvo.odometry import ClusterReport
 from gpvo.poses import StampedPoses
+from gpvo.repairs import Repair
 from gpvo.trajectory import Trajectory
 from gpvo.tum import write_tum
 
@@ -42,6 +44,7 @@ class Result:
 
     trajectory: Trajectory
     reports: list[ClusterReport]
+    repairs: list[Repair]
     configuration: Configuration
     evaluation: Evaluation | None = None
     ground_truth: StampedPoses | None = None
@@ -71,9 +74,10 @@ class Result:
             "median_inliers": float(np.median([report.inliers for report in self.reports])),
         }
         errors = None if self.evaluation is None else self.evaluation.to_dict()
-        return {"run": run, "errors": errors}
+        repairs = [repair.to_dict() for repair in self.repairs]
+        return {"run": run, "errors": errors, "repairs": repairs}
 
-    def table(self, seconds_spent: float) -> Table:
+    def table(self) -> Table:
         """Summary of the run."""
         run = self.metrics()["run"]
         duration = self.reports[-1].stop - self.reports[0].start
@@ -82,8 +86,9 @@ class Result:
             "clusters": f"{run['clusters']}, {run['clusters_without_inliers']} without inliers",
             "inlier tracklets per cluster": f"{run['median_inliers']:.0f} (median)",
             "states": f"{run['states']} from {run['start_s']:.3f} to {run['stop_s']:.3f} s",
-            "spent": f"{seconds_spent:.1f} s, {duration / seconds_spent:.2f} x real time",
         }
+        if self.repairs:
+            rows["repairs"] = f"{len(self.repairs)}, listed in metrics.json"
         table = Table(show_header=False)
         for name, value in rows.items():
             table.add_row(name, value)
@@ -101,7 +106,8 @@ class Result:
             path = path_figure({"gpvo": self.trajectory.stamped_poses()}, None)
         else:
             path = path_figure({"gpvo": self.evaluation.estimate}, self.evaluation.ground_truth)
-            save_figure(error_figure([self.evaluation]), folder / "error.png")
+            figure = error_figure([self.evaluation], stretches=weak_stretches(self.trajectory))
+            save_figure(figure, folder / "error.png")
         save_figure(path, folder / "path.png")
 
 
