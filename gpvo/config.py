@@ -142,6 +142,12 @@ class McRansacConfig(StageConfig):
         description="Stop drawing once a sample free of outliers was drawn with this probability; "
         "1 draws all `iterations`, as the paper does.",
     )
+    refinements: int = Field(
+        2,
+        ge=1,
+        description="Times that the velocity is refined on its inliers and the segments are judged "
+        "anew; once in the paper.",
+    )
     refinement_iterations: int = Field(
         20, ge=1, description="Largest number of Gauss-Newton steps of the iterative version."
     )

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from math import factorial
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+HALF_TURN = 10.0
+"""Squared angle (rad^2) up to which rotations are power series, just over a half turn."""
+B, C = (tuple(1 / factorial(2 * k + n) for k in range(13)) for n in (2, 3))
+"""Coefficients of (1 - cos w)/w^2 and (w - sin w)/w^3 in powers of -w^2."""
+BLOCK = 32
+"""Segments that are judged at once, in vector registers, before the count may be given up."""
 
 
 @njit(cache=True)
@@ -20,13 +29,23 @@ def moved_points(points: Array, dt: Array, velocity: Array) -> Array:
 
 @njit(cache=True)
 def _move(x: float, y: float, z: float, dt: float, velocity: Array) -> tuple[float, float, float]:
+    """Exp(-dt v) p."""
+    fx, fy, fz = -dt * velocity[0], -dt * velocity[1], -dt * velocity[2]
+    series = _rotation_series(fx * fx + fy * fy + fz * fz)
+    return _move_by_series(x, y, z, dt, velocity, series)
+
+
+@njit(cache=True)
+def _move_by_series(
+    x: float, y: float, z: float, dt: float, velocity: Array, series: tuple[float, float, float]
+) -> tuple[float, float, float]:
     """Exp(-dt v) p = C p + J rho, with C and J as series in the cross product by phi = -dt omega.
 
     C p + J rho = p + rho + phi x (a p + b rho) + phi x (phi x (b p + c rho)).
     """
     fx, fy, fz = -dt * velocity[0], -dt * velocity[1], -dt * velocity[2]
     rx, ry, rz = -dt * velocity[3], -dt * velocity[4], -dt * velocity[5]
-    a, b, c = _rotation_series(fx * fx + fy * fy + fz * fz)
+    a, b, c = series
     sx, sy, sz = b * x + c * rx, b * y + c * ry, b * z + c * rz
     ox = a * x + b * rx + fy * sz - fz * sy
     oy = a * y + b * ry + fz * sx - fx * sz
@@ -41,14 +60,22 @@ def _move(x: float, y: float, z: float, dt: float, velocity: Array) -> tuple[flo
 @njit(cache=True)
 def _rotation_series(squared_angle: float) -> tuple[float, float, float]:
     """sin(w)/w, (1 - cos w)/w^2 and (w - sin w)/w^3 of the squared angle w^2."""
-    s = squared_angle
-    if s < 0.1:  # the next term of each series is below 1e-16 here
-        a = 1 - s / 6 * (1 - s / 20 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110 * (1 - s / 156)))))
-        b = 0.5 * (1 - s / 12 * (1 - s / 30 * (1 - s / 56 * (1 - s / 90 * (1 - s / 132)))))
-        c = (1 - s / 20 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110 * (1 - s / 156))))) / 6
-        return a, b, c
-    angle = np.sqrt(s)
+    if squared_angle < HALF_TURN:
+        return _half_turn_series(squared_angle)
+    s, angle = squared_angle, np.sqrt(squared_angle)
     return np.sin(angle) / angle, (1 - np.cos(angle)) / s, (angle - np.sin(angle)) / (angle * s)
+
+
+@njit(cache=True)
+def _half_turn_series(s: float) -> tuple[float, float, float]:
+    """The same below `HALF_TURN` as power series: no branches, no square root."""
+    b = B[8] - s * (B[9] - s * (B[10] - s * (B[11] - s * B[12])))
+    b = B[4] - s * (B[5] - s * (B[6] - s * (B[7] - s * b)))
+    b = B[0] - s * (B[1] - s * (B[2] - s * (B[3] - s * b)))
+    c = C[8] - s * (C[9] - s * (C[10] - s * (C[11] - s * C[12])))
+    c = C[4] - s * (C[5] - s * (C[6] - s * (C[7] - s * c)))
+    c = C[0] - s * (C[1] - s * (C[2] - s * (C[3] - s * c)))
+    return 1.0 - s * c, b, c
 
 
 @njit(cache=True)
@@ -67,6 +94,9 @@ def best_sample_velocity(
     Stops early once a sample without outliers was drawn with the given confidence; at confidence
     1 all samples are tried. `camera` is (fx, fy, cx, cy, fx * baseline).
     """
+    # One quantity after the other, so that a block of segments fills vector registers.
+    columns = np.empty((8, len(points)))
+    columns[:3], columns[3:6], columns[6], columns[7] = points.T, later.T, dt, tolerance**2
     best_velocity, most = np.zeros(6), 0
     needed = len(samples)
     for trial in range(len(samples)):
@@ -75,7 +105,7 @@ def best_sample_velocity(
         solved, velocity = sample_velocity(points, displacements, dt, samples[trial])
         if not solved:
             continue
-        count = _count_inliers(points, dt, later, tolerance, camera, velocity, most)
+        count = _count_inliers(columns, camera, velocity, most)
         if count > most:
             best_velocity, most = velocity, count
             needed = _samples_needed(most / len(points), samples.shape[1], confidence)
@@ -96,70 +126,118 @@ def sample_velocity(
 ) -> tuple[bool, Array]:
     """Linear least-squares velocity (6,) of a sample, and whether it is determined.
 
-    The paper's closed form: d = dt D v with D = [p^, -1] in this convention.
+    The paper's closed form: d = dt D v with D = [p^, -1] in this convention. The linear velocity is
+    eliminated: about the centroid of the points, weighted by dt^2, the angular one stands alone.
     """
-    normal, right = np.zeros((6, 6)), np.zeros(6)
-    design = np.zeros((3, 6))
+    weight, p, d = 0.0, np.zeros(3), np.zeros(3)
     for i in sample:
-        x, y, z = points[i] * dt[i]
-        design[0, 1], design[0, 2], design[0, 3] = -z, y, -dt[i]
-        design[1, 0], design[1, 2], design[1, 4] = z, -x, -dt[i]
-        design[2, 0], design[2, 1], design[2, 5] = -y, x, -dt[i]
-        for row in range(3):
-            for j in range(6):
-                right[j] += design[row, j] * displacements[i, row]
-                for k in range(j + 1):
-                    normal[j, k] += design[row, j] * design[row, k]
-    return _solve_cholesky(normal, right)
+        weight += dt[i] ** 2
+        for k in range(3):
+            p[k] += dt[i] ** 2 * points[i, k]
+            d[k] += dt[i] * displacements[i, k]
+    p, d = p / weight, d / weight  # the centroid and its velocity
+    xx = yy = zz = xy = xz = yz = bx = by = bz = 0.0
+    for i in sample:
+        x, y, z = points[i, 0] - p[0], points[i, 1] - p[1], points[i, 2] - p[2]
+        u, v, w = displacements[i] * dt[i]
+        bx += v * z - w * y
+        by += w * x - u * z
+        bz += u * y - v * x
+        x, y, z = dt[i] * x, dt[i] * y, dt[i] * z
+        xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
+        xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
+    solved, ox, oy, oz = _solve_inertia((xx, yy, zz, xy, xz, yz), (bx, by, bz))
+    velocity = np.empty(6)
+    velocity[0], velocity[1], velocity[2] = ox, oy, oz
+    velocity[3] = p[1] * oz - p[2] * oy - d[0]
+    velocity[4] = p[2] * ox - p[0] * oz - d[1]
+    velocity[5] = p[0] * oy - p[1] * ox - d[2]
+    return solved, velocity
 
 
 @njit(cache=True)
-def _solve_cholesky(lower: Array, right: Array) -> tuple[bool, Array]:
-    """Solve A x = b from the lower triangle of A, in place; False if A is nearly singular."""
-    size = len(right)
-    for j in range(size):
-        pivot = lower[j, j]
-        for k in range(j):
-            pivot -= lower[j, k] ** 2
-        if not pivot > 1e-9 * lower[j, j]:
-            return False, right
-        lower[j, j] = np.sqrt(pivot)
-        for i in range(j + 1, size):
-            for k in range(j):
-                lower[i, j] -= lower[i, k] * lower[j, k]
-            lower[i, j] /= lower[j, j]
-    for i in range(size):
-        for k in range(i):
-            right[i] -= lower[i, k] * right[k]
-        right[i] /= lower[i, i]
-    for i in range(size - 1, -1, -1):
-        for k in range(i + 1, size):
-            right[i] -= lower[k, i] * right[k]
-        right[i] /= lower[i, i]
-    return True, right
+def _solve_inertia(
+    moments: tuple[float, float, float, float, float, float], right: tuple[float, float, float]
+) -> tuple[bool, float, float, float]:
+    """Solve A x = b, A = trace(M) 1 - M of second moments M, by Cholesky: A = L D L^T.
+
+    Not solved if A is nearly singular: points on a line do not tell a turn about it.
+    """
+    xx, yy, zz, xy, xz, yz = moments
+    d0, d1, d2 = yy + zz, xx + zz, xx + yy
+    least = 1e-9 * (d0 + d1 + d2)
+    if not d0 > least:
+        return False, 0.0, 0.0, 0.0
+    l10, l20 = -xy / d0, -xz / d0
+    d1 -= l10 * l10 * d0
+    if not d1 > least:
+        return False, 0.0, 0.0, 0.0
+    l21 = (-yz - l20 * l10 * d0) / d1
+    d2 -= l20 * l20 * d0 + l21 * l21 * d1
+    if not d2 > least:
+        return False, 0.0, 0.0, 0.0
+    b0 = right[0]
+    b1 = right[1] - l10 * b0
+    b2 = right[2] - l20 * b0 - l21 * b1
+    z = b2 / d2
+    y = b1 / d1 - l21 * z
+    return True, b0 / d0 - l10 * y - l20 * z, y, z
 
 
 @njit(cache=True)
-def _count_inliers(
-    points: Array,
-    dt: Array,
-    later: Array,
-    tolerance: Array,
-    camera: Array,
-    velocity: Array,
-    most: int,
-) -> int:
-    """Number of segments within tolerance; gives up once it cannot exceed `most`."""
+def _count_inliers(columns: Array, camera: Array, velocity: Array, most: int) -> int:
+    """Number of segments within tolerance; gives up once it cannot exceed `most`.
+
+    `columns` (8, N) holds points, later measurements, dt and squared tolerance, C-contiguous.
+    """
+    size = columns.shape[1]
+    squared_speed = velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2
+    half_turns = squared_speed * columns[6].max() ** 2 < HALF_TURN
     count = 0
-    for i in range(len(points)):
-        if count + len(points) - i <= most:
+    for start in range(0, size, BLOCK):
+        if count + size - start <= most:
             break
-        x, y, z = _move(points[i, 0], points[i, 1], points[i, 2], dt[i], velocity)
-        if z <= 0:
-            continue
-        u = camera[0] * x / z + camera[2] - later[i, 0]
-        v = camera[1] * y / z + camera[3] - later[i, 1]
-        disparity = camera[4] / z - later[i, 2]
-        if u * u + v * v + disparity * disparity <= tolerance[i] ** 2:
-            count += 1
+        stop = min(start + BLOCK, size)
+        if half_turns:
+            count += _count_half_turns(columns, start, stop, camera, velocity)
+        else:
+            count += _count_turns(columns, start, stop, camera, velocity)
     return count
+
+
+@njit(cache=True, error_model="numpy")
+def _count_half_turns(columns: Array, start: int, stop: int, camera: Array, velocity: Array) -> int:
+    """Inliers among some segments; without branches, so that it runs in vector registers."""
+    squared_speed = velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2
+    count = 0
+    for i in range(start, stop):
+        dt = columns[6, i]
+        series = _half_turn_series(squared_speed * dt * dt)
+        x, y, z = columns[0, i], columns[1, i], columns[2, i]
+        count += _is_inlier(_move_by_series(x, y, z, dt, velocity, series), columns, i, camera)
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def _count_turns(columns: Array, start: int, stop: int, camera: Array, velocity: Array) -> int:
+    count = 0
+    for i in range(start, stop):
+        x, y, z = columns[0, i], columns[1, i], columns[2, i]
+        count += _is_inlier(_move(x, y, z, columns[6, i], velocity), columns, i, camera)
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def _is_inlier(
+    point: tuple[float, float, float], columns: Array, i: int, camera: Array
+) -> np.int64:
+    """1 if a point of the camera frame projects to within the tolerance of segment i's later end.
+
+    Else 0: numbers add up in vector registers, truth values do not.
+    """
+    x, y, z = point
+    u = camera[0] * x / z + camera[2] - columns[3, i]
+    v = camera[1] * y / z + camera[3] - columns[4, i]
+    disparity = camera[4] / z - columns[5, i]
+    near = u * u + v * v + disparity * disparity <= columns[7, i]
+    return np.int64(near & (z > 0))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.lie import se3_exp, se3_left_jacobian
+from factors.lie import se3_exp, se3_left_jacobian, skew
 from factors.stereo import StereoCamera
 from gpvo.config import McRansacConfig
 from gpvo.constant_velocity import best_sample_velocity, moved_points
@@ -120,23 +120,42 @@ def iterative_mc_ransac(
     inliers: NDArray[np.bool_],
     config: McRansacConfig,
 ) -> VelocityFit | None:
-    """Refine a velocity by Gauss-Newton on its inliers and segment anew, section III-B.2."""
-    chosen = segments[inliers]
+    """Refine a velocity by Gauss-Newton on its inliers and segment anew, section III-B.2.
+
+    That is done `config.refinements` times, as a refined velocity explains more segments.
+    """
+    for _ in range(config.refinements):
+        chosen = segments[inliers]
+        refined = _refined_velocity(chosen, camera, information, velocity, config)
+        if refined is None:
+            return None
+        velocity, before = refined, inliers
+        inliers = are_inliers(segments, camera, velocity, config)
+        if (inliers == before).all() or inliers.sum() < config.sample_size:
+            break
+    covariance = velocity_covariance(chosen, camera, information, velocity)
+    return VelocityFit(velocity, covariance, inliers)
+
+
+def _refined_velocity(
+    segments: Segments,
+    camera: StereoCamera,
+    information: Array,
+    velocity: Array,
+    config: McRansacConfig,
+) -> Array | None:
+    """Velocity of the least weighted reprojection errors; None where they do not determine it."""
     for _ in range(config.refinement_iterations):
-        error, jacobian = reprojection_error(chosen, camera, velocity)
-        weighted = np.einsum("nij,ik->njk", jacobian, information)
-        normal = np.einsum("nij,njk->ik", weighted, jacobian)
+        error, jacobian = reprojection_error(segments, camera, velocity)
+        weighted = (information @ jacobian).reshape(-1, 6)
+        normal = weighted.T @ jacobian.reshape(-1, 6)
         if not np.isfinite(normal).all() or np.linalg.cond(normal) > config.max_condition:
             return None
-        step = np.linalg.solve(normal, np.einsum("nij,nj->i", weighted, error))
+        step = np.linalg.solve(normal, weighted.T @ error.ravel())
         velocity = velocity - step
         if np.abs(step).max() < config.refinement_tolerance:
             break
-    return VelocityFit(
-        velocity,
-        velocity_covariance(chosen, camera, information, velocity),
-        are_inliers(segments, camera, velocity, config),
-    )
+    return velocity
 
 
 def reprojection_error(
@@ -178,13 +197,6 @@ def _prediction_by_earlier(segments: Segments, camera: StereoCamera, velocity: A
     _, by_moved = camera.project_with_jacobian(moved_points(points, segments.dt, velocity))
     _, by_point = camera.project_with_jacobian(points)
     return by_moved @ rotation @ np.linalg.inv(by_point)
-
-
-def skew(points: Array) -> Array:
-    """(N, 3, 3) matrices of the cross product with points (N, 3)."""
-    x, y, z = points.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
 
 
 def are_inliers(
