@@ -45,11 +45,12 @@ def minimize(cost: WindowCost, variables: Variables, config: EstimatorConfig) ->
     loss = cost.loss
     if loss.name == "gnc":
         loss = loss.convexified(cost.squared_errors(variables))
-    start = value = cost.value(variables)
+    lowest = np.inf
     for _ in range(config.iterations):
         cost = replace(cost, loss=loss)
         linearized = cost.linearization_point(variables)
         quadratic = cost.quadratic(linearized)
+        lowest = min(lowest, quadratic.c)
         step = quadratic.minimum()
         variables, predicted = linearized.moved(step), quadratic.cost(step)
         value = cost.value(variables)
@@ -58,7 +59,7 @@ def minimize(cost: WindowCost, variables: Variables, config: EstimatorConfig) ->
         loss = cost.loss.less_convex()
         if loss == cost.loss and abs(predicted - value) <= config.relative_decrease * value:
             break
-    if value > 2 * start + len(cost.measurements):
+    if value > 2 * lowest + len(cost.measurements):
         raise IndeterminateError(0)
     return Optimum(variables, cost, linearized, quadratic)
 
