@@ -14,7 +14,7 @@ from gpvo.config import Configuration
 from gpvo.configuration_file import configuration_text, load_configuration
 from gpvo.errors import InputError
 from gpvo.recordings import open_recording
-from gpvo.recordings.kalibr import read_kalibr
+from gpvo.recordings.calibrations import read_calibration
 
 BAD_INPUT = 2
 """Exit status."""
@@ -29,11 +29,11 @@ console = Console()
 
 Output = Annotated[Path | None, typer.Option(help="Folder for the results.")]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all random choices.")]
-Calibration = Annotated[Path | None, typer.Option(help="kalibr camchain (YAML).")]
-AnyCalibration = Annotated[
+Calibration = Annotated[
     Path | None,
     typer.Option(help="kalibr, DSEC, basalt, CameraInfo, M3ED; if not in or beside it."),
 ]
+Config = Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")]
 LeftTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the left camera.")]
 RightTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the right camera.")]
 GroundTruth = Annotated[Path | None, typer.Option(help="True poses: MVSEC HDF5, TUM, KITTI, bag.")]
@@ -51,10 +51,10 @@ def main() -> None:
 @app.command()
 def run(
     recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
-    calibration: AnyCalibration = None,
+    calibration: Calibration = None,
     ground_truth: GroundTruth = None,
     output: Output = None,
-    config: Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")] = None,
+    config: Config = None,
     start: Annotated[float, typer.Option(min=0, help="Seconds to skip.")] = 0.0,
     duration: Annotated[float | None, typer.Option(min=0, help="Seconds to process.")] = None,
     seed: Seed = None,
@@ -122,7 +122,7 @@ def evaluate(
     from gpvo.evaluation.command import evaluate_command
     from gpvo.evaluation.protocol import Protocol
 
-    rig = read_kalibr(calibration) if calibration else None
+    rig = read_calibration(calibration) if calibration else None
     protocol = Protocol(
         step, truth_between, association, max_difference, aligned_at, align_body, align_time
     )
@@ -134,13 +134,15 @@ def tune_noise(
     recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
     ground_truth: Annotated[Path, typer.Option(help="True poses.")],
     calibration: Calibration = None,
-    config: Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")] = None,
+    config: Config = None,
+    left_topic: LeftTopic = None,
+    right_topic: RightTopic = None,
 ) -> None:
     """Learn Q_c and R by maximum likelihood; print them as YAML for `--config`."""
     from gpvo.run_command import load_ground_truth
     from gpvo.tune_noise import noise_text, tuned_on_recording
 
-    opened = open_recording(recording, calibration)
+    opened = open_recording(recording, calibration, left_topic, right_topic)
     truth = load_ground_truth(ground_truth, opened)
     configuration = load_configuration(config) if config else Configuration()
     print(noise_text(tuned_on_recording(opened, truth, configuration)), end="")
@@ -160,10 +162,12 @@ def inspect_front_end(
     calibration: Calibration = None,
     ground_truth: GroundTruth = None,
     output: Output = None,
-    config: Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")] = None,
+    config: Config = None,
     start: Annotated[float, typer.Option(min=0, help="Seconds to skip.")] = 0.0,
     duration: Annotated[float | None, typer.Option(min=0, help="Seconds to process.")] = None,
     seed: Seed = None,
+    left_topic: LeftTopic = None,
+    right_topic: RightTopic = None,
 ) -> None:
     """Hold features, tracklets, times and MC-RANSAC against the truth: table, JSON, plots."""
     from gpvo.inspection_command import inspect_command, simulated
@@ -171,7 +175,10 @@ def inspect_front_end(
     from gpvo.run_command import load_ground_truth
 
     is_simulation = recording.suffix in (".yaml", ".yml")
-    opened = simulated(recording) if is_simulation else open_recording(recording, calibration)
+    if is_simulation:
+        opened = simulated(recording)
+    else:
+        opened = open_recording(recording, calibration, left_topic, right_topic)
     truth = None
     if ground_truth is not None:
         truth = truth_of_poses(load_ground_truth(ground_truth, opened), opened.start_ns)
@@ -184,7 +191,7 @@ def inspect_front_end(
 @app.command()
 def info(
     recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
-    calibration: AnyCalibration = None,
+    calibration: Calibration = None,
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
 ) -> None:
@@ -202,7 +209,7 @@ def convert_recording(
         Literal["mvsec", "dsec", "rosbag1", "mcap", "aedat4"] | None,
         typer.Option(help="Format, where the ending of OUTPUT does not tell."),
     ] = None,
-    calibration: AnyCalibration = None,
+    calibration: Calibration = None,
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
 ) -> None:
