@@ -175,10 +175,11 @@ def inspect_front_end(
     from gpvo.run_command import load_ground_truth
 
     is_simulation = recording.suffix in (".yaml", ".yml")
-    if is_simulation:
-        opened = simulated(recording)
-    else:
-        opened = open_recording(recording, calibration, left_topic, right_topic)
+    opened: Recording = (
+        simulated(recording)
+        if is_simulation
+        else open_recording(recording, calibration, left_topic, right_topic)
+    )
     truth = None
     if ground_truth is not None:
         truth = truth_of_poses(load_ground_truth(ground_truth, opened), opened.start_ns)
