@@ -101,10 +101,12 @@ def numpy_fast_mc_ransac(
     return best
 
 
-def frame_based_inliers(segments: Segments, config: McRansacConfig) -> Mask:
+def frame_based_inliers(
+    segments: Segments, config: McRansacConfig, camera: StereoCamera = CAMERA
+) -> Mask:
     """Inliers of one transform between two common times: OpenCV's RANSAC on stereo points."""
-    points = CAMERA.triangulate(segments.earlier)
-    K = np.array([[CAMERA.fx, 0, CAMERA.cx], [0, CAMERA.fy, CAMERA.cy], [0, 0, 1]])
+    points = camera.triangulate(segments.earlier)
+    K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
     cv2.setRNGSeed(0)
     found, _, _, inliers = cv2.solvePnPRansac(
         points,
