@@ -13,7 +13,7 @@ from rich.console import Console
 from gpvo.config import Configuration
 from gpvo.configuration_file import configuration_text, load_configuration
 from gpvo.errors import InputError
-from gpvo.recordings import open_recording
+from gpvo.recordings import Recording, open_recording
 from gpvo.recordings.calibrations import read_calibration
 
 BAD_INPUT = 2
