@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gpvo.calibration import StereoRig
 from gpvo.config import ClusteringConfig
+from gpvo.event_filter import EventFilter
 from gpvo.recordings.base import Events, StereoEvents
 
 
@@ -36,6 +37,12 @@ class EventImage:
     def binary_frame(self) -> NDArray[np.uint8]:
         """(height, width) image that is 255 where there was an event, of either polarity."""
         return np.where(np.isfinite(self.surface_of_active_events), 255, 0).astype(np.uint8)
+
+    def time_surface(self, start: float, stop: float) -> NDArray[np.uint8]:
+        """(height, width) image from 1 at `start` to 255 at `stop` for the latest event, else 0."""
+        age = (self.surface_of_active_events - start) / (stop - start)
+        level = np.rint(1 + 254 * np.clip(age, 0, 1))
+        return np.where(np.isfinite(age), level, 0).astype(np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +72,13 @@ def cluster_events(
         return StereoCluster(start, stop, *images)
 
     left, right = Events.empty(), Events.empty()
+    filter_left = EventFilter(rig.left.resolution, config)
+    filter_right = EventFilter(rig.right.resolution, config)
     start = end = None
     for slab in slabs:
         start, end = slab.start if start is None else start, slab.stop
-        left = Events.concatenate([left, slab.left])
-        right = Events.concatenate([right, slab.right])
+        left = Events.concatenate([left, filter_left(slab.left)])
+        right = Events.concatenate([right, filter_right(slab.right)])
         while (stop := _cluster_end(left.t, right.t, start, config)) <= slab.stop:
             yield cluster(start, stop)
             left, right = left.between(stop, np.inf), right.between(stop, np.inf)

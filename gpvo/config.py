@@ -20,6 +20,18 @@ class ClusteringConfig(StageConfig):
     max_events: int = Field(
         20_000, gt=0, description="Events of either camera that end a cluster early."
     )
+    background_filter: float = Field(
+        0.0,
+        ge=0,
+        description="Drop events without another one in the pixels around for so many seconds "
+        "before, such as 0.02; 0 keeps all.",
+    )
+    hot_pixel_ratio: float = Field(
+        0.0,
+        ge=0,
+        description="Drop events of pixels that had so many times more events than the pixels "
+        "around them, such as 10; 0 keeps all.",
+    )
 
 
 class FeatureConfig(StageConfig):
@@ -86,6 +98,11 @@ class TrackingConfig(StageConfig):
         min_length=1,
         description="Image resolutions that are tracked independently: 1 full, 2 half. The paper "
         "takes both; with patches the half one costs twice the time and gains nothing.",
+    )
+    image: Literal["binary", "time_surface"] = Field(
+        "binary",
+        description="What is tracked of a cluster's events: that there was one, as in the paper, or "
+        "how late in the cluster the latest one was.",
     )
     earlier_frames: int = Field(
         4, ge=1, description="Number of earlier frames that tracklets are extended over."

@@ -35,12 +35,13 @@ class MultiResolutionTracker:
 
     def __init__(self, config: TrackingConfig) -> None:
         make = PatchTracker if config.tracker == "patch" else DescriptorTracker
+        self._image = config.image
         self._resolutions = config.resolutions
         self._trackers: Sequence[Tracker] = [make(config) for _ in config.resolutions]
 
     def track(self, cluster: StereoCluster) -> Observations:
-        """Observations that a new cluster's binary frames add."""
-        full = cluster.left.binary_frame, cluster.right.binary_frame
+        """Observations that a new cluster adds."""
+        full = self._images(cluster)
         parts = []
         for index, (resolution, tracker) in enumerate(
             zip(self._resolutions, self._trackers, strict=True)
@@ -56,6 +57,14 @@ class MultiResolutionTracker:
                 )
             )
         return Observations.concatenate(parts)
+
+    def _images(self, cluster: StereoCluster) -> StereoImage:
+        if self._image == "binary":
+            return cluster.left.binary_frame, cluster.right.binary_frame
+        left, right = (
+            side.time_surface(cluster.start, cluster.stop) for side in (cluster.left, cluster.right)
+        )
+        return left, right
 
 
 def to_full_resolution(points: NDArray[np.float64], resolution: int) -> NDArray[np.float64]:
