@@ -101,8 +101,8 @@ class TrackingConfig(StageConfig):
     )
     image: Literal["binary", "time_surface"] = Field(
         "binary",
-        description="What is tracked of a cluster's events: that there was one, as in the paper, or "
-        "how late in the cluster the latest one was.",
+        description="What is tracked of a cluster's events: that there was one, as in the paper, "
+        "or how late in the cluster the latest one was.",
     )
     earlier_frames: int = Field(
         4, ge=1, description="Number of earlier frames that tracklets are extended over."

@@ -89,7 +89,7 @@ def _search(
             offset = points[j, 0] - query_points[i, 0]
             if window[0] <= offset <= window[1]:
                 difference = _absolute_difference(query_descriptors[i], descriptors[j])
-                if difference < lowest:
+                if difference < lowest or (difference == lowest and j < best[s]):
                     lowest, best[s] = difference, j
     return best
 
