@@ -30,7 +30,7 @@ CONFIG = McRansacConfig(iterations=300)
 EXACT = McRansacConfig(iterations=300, refinement_tolerance=1e-12)
 # Durations in which the fast version's linear motion is exact to a pixel.
 SHORT = (0.02, 0.12)
-PAPER = McRansacConfig(iterations=300, pixel_threshold=0, confidence=1)
+PAPER = McRansacConfig(iterations=300, pixel_threshold=0, confidence=1, refinements=1)
 
 
 def random_segments(
