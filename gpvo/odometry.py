@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from factors import StereoCamera
 from gpvo.calibration import StereoRig
@@ -70,6 +71,7 @@ class Odometry:
         self.reports: list[ClusterReport] = []
         self._rig = rig
         self._stage = stage
+        self._threads = ThreadpoolController()
         self.camera = StereoCamera(
             rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
         )
@@ -112,6 +114,11 @@ class Odometry:
 
     def process(self, cluster: StereoCluster) -> ClusterReport:
         """Estimate the motion during one more cluster, the next in time."""
+        # The matrices are small: threads of BLAS would wait for each other, twice as slow.
+        with self._threads.limit(limits=1, user_api="blas"):
+            return self._process(cluster)
+
+    def _process(self, cluster: StereoCluster) -> ClusterReport:
         with self._stage("tracking"):
             observations = self._tracker.track(cluster)
         with self._stage("tracklets"):
