@@ -19,6 +19,7 @@ from gpvo.lag_window import LagWindow, Sensor, new_times
 from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair, repairs_of, split_possible
 from gpvo.states import States
+from gpvo.threads import one_blas_thread
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 from gpvo.unique_times import Deviations
@@ -70,8 +71,9 @@ class FixedLagSmoother:
         if len(t) + len(window.states) < 2:
             t = last.t + SAME_TIME
         ahead = velocity_ahead(last, stop, fit, self._sensor.noise)
-        if self._solve(window.extended(t, ahead), possible):
-            self._let_go()
+        with one_blas_thread():
+            if self._solve(window.extended(t, ahead), possible):
+                self._let_go()
 
     def trajectory(self, start_ns: int) -> Trajectory | None:
         """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""

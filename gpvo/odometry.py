@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from factors import StereoCamera
 from gpvo.calibration import StereoRig
@@ -18,6 +17,7 @@ from gpvo.errors import InputError
 from gpvo.estimators import make_estimator
 from gpvo.mc_ransac import mc_ransac
 from gpvo.recordings.base import Recording
+from gpvo.threads import one_blas_thread
 from gpvo.tracking import MultiResolutionTracker
 from gpvo.tracklets import Tracklets
 from gpvo.trajectory import Trajectory
@@ -71,7 +71,6 @@ class Odometry:
         self.reports: list[ClusterReport] = []
         self._rig = rig
         self._stage = stage
-        self._threads = ThreadpoolController()
         self.camera = StereoCamera(
             rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
         )
@@ -114,8 +113,7 @@ class Odometry:
 
     def process(self, cluster: StereoCluster) -> ClusterReport:
         """Estimate the motion during one more cluster, the next in time."""
-        # The matrices are small: threads of BLAS would wait for each other, twice as slow.
-        with self._threads.limit(limits=1, user_api="blas"):
+        with one_blas_thread():
             return self._process(cluster)
 
     def _process(self, cluster: StereoCluster) -> ClusterReport:
