@@ -223,10 +223,13 @@ def test_a_landmark_that_cannot_be_is_dropped_and_told() -> None:
     [(0.5, {"loss": "cauchy"}), (0.5, {"loss": "cauchy", "gate": 0.999}), (0.2, {"loss": "gnc"})],
 )
 def test_outliers_hardly_matter(share: float, settings: dict) -> None:
+    """The naive run need not converge, and where it ends differs between processors."""
     trajectory, repairs = run(outliers(share), **settings)
     naive, _ = run(outliers(share))
-    error, naive_error = (np.abs(x.velocity(x.t) - TWIST).max() for x in (trajectory, naive))
-    assert 10 * error < 2 < naive_error
+    errors = [x.velocity(x.t) - TWIST for x in (trajectory, naive)]
+    rms, naive_rms = (np.sqrt(np.mean(error**2)) for error in errors)
+    assert np.abs(errors[0]).max() < 0.1
+    assert 3 * rms < naive_rms
     assert ("gate" in settings) == any("gate" in repair.reason for repair in repairs)
 
 
