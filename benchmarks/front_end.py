@@ -26,9 +26,7 @@ from gpvo.simulation.recording import SimulationConfig, simulate
 
 FRONT_ENDS: dict[str, dict[str, Any]] = {
     "default": {},
-    "descriptor tracker": {
-        "tracking": {"tracker": "descriptor", "features": {"response_threshold": 1500}}
-    },
+    "viso2": {"tracking": {"tracker": "viso2", "features": {"response_threshold": 1500}}},
     "time surface": {"tracking": {"image": "time_surface"}},
     "background filter 20 ms": {"clustering": {"background_filter": 0.02}},
     "background filter 5 ms": {"clustering": {"background_filter": 0.005}},
@@ -37,9 +35,9 @@ FRONT_ENDS: dict[str, dict[str, Any]] = {
     "40 000 events": {"clustering": {"max_events": 40_000}},
     "nearest event's time": {"tracklets": {"time_radius": 0}},
     "half resolution too": {"tracking": {"resolutions": [1, 2]}},
-    "smoothing 1.5 px": {"tracking": {"patch": {"smoothing": 1.5}}},
-    "patch 21 px": {"tracking": {"patch": {"patch_size": 21}}},
-    "patch 41 px": {"tracking": {"patch": {"patch_size": 41}}},
+    "smoothing 1.5 px": {"tracking": {"klt": {"smoothing": 1.5}}},
+    "patch 21 px": {"tracking": {"klt": {"patch_size": 21}}},
+    "patch 41 px": {"tracking": {"klt": {"patch_size": 41}}},
 }
 SIMULATIONS = {
     "fast": SimulationConfig(seed=11, motion="fast", duration=1.5, noise_rate=0.5),

@@ -42,7 +42,7 @@ INFORMATION = (10.0, 10.0, 10.0)
 BASE = {
     "estimator": {"state_interval": 0.01},
     "noise": {"measurement_information": INFORMATION},
-    "tracking": {"patch": {"max_features": 80}},
+    "tracking": {"klt": {"max_features": 80}},
 }
 NO_PRIOR = tuple(1e6 * value for value in Configuration().noise.acceleration_psd)
 

@@ -43,7 +43,7 @@ class FeatureConfig(StageConfig):
     )
 
 
-class PatchTrackerConfig(StageConfig):
+class KltConfig(StageConfig):
     """Features followed around the quad by the patch that surrounds them (Lucas-Kanade)."""
 
     smoothing: float = Field(
@@ -67,7 +67,7 @@ class PatchTrackerConfig(StageConfig):
     )
 
 
-class DescriptorTrackerConfig(StageConfig):
+class Viso2Config(StageConfig):
     """LIBVISO2's circular matching of descriptors."""
 
     flow_radius: int = Field(
@@ -88,8 +88,8 @@ class DescriptorTrackerConfig(StageConfig):
 class TrackingConfig(StageConfig):
     """Section III-A.2: detection, quad matching and extension over earlier frames."""
 
-    tracker: Literal["patch", "descriptor"] = Field(
-        "patch",
+    tracker: Literal["klt", "viso2"] = Field(
+        "klt",
         description="How features are matched: by the patch around them (Lucas-Kanade) or by "
         "LIBVISO2's descriptors, the paper's choice.",
     )
@@ -108,8 +108,8 @@ class TrackingConfig(StageConfig):
         4, ge=1, description="Number of earlier frames that tracklets are extended over."
     )
     features: FeatureConfig = FeatureConfig()
-    patch: PatchTrackerConfig = PatchTrackerConfig()
-    descriptor: DescriptorTrackerConfig = DescriptorTrackerConfig()
+    klt: KltConfig = KltConfig()
+    viso2: Viso2Config = Viso2Config()
 
 
 class TrackletConfig(StageConfig):

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
-from gpvo.config import DescriptorTrackerConfig
+from gpvo.config import Viso2Config
 from gpvo.features import Features
 
 NO_MATCH = -1
@@ -114,7 +114,7 @@ def match_quads(
     current: StereoFeatures,
     previous: StereoFeatures,
     frames_between: int,
-    config: DescriptorTrackerConfig,
+    config: Viso2Config,
 ) -> NDArray[np.int64]:
     """Quad matches (M, 4): feature indices in current left, current right, previous right, left.
 
@@ -139,7 +139,7 @@ def _are_supported(
     quads: NDArray[np.int64],
     current: StereoFeatures,
     previous: StereoFeatures,
-    config: DescriptorTrackerConfig,
+    config: Viso2Config,
 ) -> NDArray[np.bool_]:
     images = (current.left, current.right, previous.right, previous.left)
     left, _, previous_right, previous_left = (

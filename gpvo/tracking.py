@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from gpvo.clustering import StereoCluster
 from gpvo.config import TrackingConfig
-from gpvo.descriptor_tracking import DescriptorTracker
 from gpvo.features import half_resolution
+from gpvo.klt_tracking import KltTracker
 from gpvo.observations import Observations
-from gpvo.patch_tracking import PatchTracker
+from gpvo.viso2_tracking import Viso2Tracker
 
 StereoImage = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
@@ -34,7 +34,7 @@ class MultiResolutionTracker:
     """Trackers at several resolutions, run independently; positions are full-resolution pixels."""
 
     def __init__(self, config: TrackingConfig) -> None:
-        make = PatchTracker if config.tracker == "patch" else DescriptorTracker
+        make = KltTracker if config.tracker == "klt" else Viso2Tracker
         self._image = config.image
         self._resolutions = config.resolutions
         self._trackers: Sequence[Tracker] = [make(config) for _ in config.resolutions]

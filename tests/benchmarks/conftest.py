@@ -30,7 +30,7 @@ def recording() -> SimulatedRecording:
 def config_file(tmp_path: Path) -> Path:
     path = tmp_path / "config.yaml"
     path.write_text(
-        "tracking: {patch: {max_features: 40}}\nclustering: {max_events: 5000}\n"
+        "tracking: {klt: {max_features: 40}}\nclustering: {max_events: 5000}\n"
         "estimator: {method: batch, state_interval: 0.01}\n"
     )
     return path

@@ -51,7 +51,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[CaseResult], P
     folder = tmp_path_factory.mktemp("suite")
     config = folder / "config.yaml"
     config.write_text(
-        "tracking: {patch: {max_features: 30}}\nclustering: {max_events: 4000}\n"
+        "tracking: {klt: {max_features: 30}}\nclustering: {max_events: 4000}\n"
         "estimator: {method: batch, state_interval: 0.02}\n"
     )
     results, _ = run("--seeds", 1, "--jobs", 1, "--config", config, "--output", folder)

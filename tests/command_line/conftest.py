@@ -17,7 +17,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> RecordingFiles:
     simulated = simulate(config)
     simulated.write_mvsec(folder)
     (folder / "config.yaml").write_text(
-        "tracking: {patch: {max_features: 40}}\nclustering: {max_events: 10000}\n"
+        "tracking: {klt: {max_features: 40}}\nclustering: {max_events: 10000}\n"
     )
     return RecordingFiles(
         folder / f"{NAME}_data.hdf5",

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from factors.lie import se3_exp
 from factors.stereo import StereoCamera
 from gpvo.cli import app
-from gpvo.config import Configuration, PatchTrackerConfig, TrackingConfig
+from gpvo.config import Configuration, KltConfig, TrackingConfig
 from gpvo.errors import InputError
 from gpvo.inspection import AGREEMENT, InspectedCluster, JudgedTracklets, inspect, judge
 from gpvo.inspection_command import inspect_command
@@ -30,7 +30,7 @@ TWIST = np.array([0.1, -0.3, 0.2, 0.3, 0.1, 0.2])
 SIMULATION = SimulationConfig(
     seed=3, motion="fast", duration=0.35, resolution=(240, 180), focal_length=160.0
 )
-FEW = Configuration(tracking=TrackingConfig(patch=PatchTrackerConfig(max_features=40)))
+FEW = Configuration(tracking=TrackingConfig(klt=KltConfig(max_features=40)))
 
 
 def constant_truth(with_depth: bool = False, depth: float = 2.0) -> Truth:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gpvo.config import DescriptorTrackerConfig, FeatureConfig
+from gpvo.config import FeatureConfig, Viso2Config
 from gpvo.features import Features, detect
 from gpvo.matching import (
     NO_MATCH,
@@ -19,7 +19,7 @@ from gpvo.matching import (
     match_quads,
 )
 
-CONFIG = DescriptorTrackerConfig(flow_radius=25, max_disparity=40)
+CONFIG = Viso2Config(flow_radius=25, max_disparity=40)
 FEATURES = FeatureConfig(response_threshold=600)
 TEXTURE = random_grey(0)
 Shift = tuple[int, int]
@@ -68,9 +68,7 @@ def test_quads_recover_flow_and_disparity(dx: int, dy: int, disparity: int, clos
     assert len(np.unique(quads[:, 0])) == len(quads)
 
 
-def found_share(
-    disparity: int, row_shift: int, flow: int, config: DescriptorTrackerConfig
-) -> float:
+def found_share(disparity: int, row_shift: int, flow: int, config: Viso2Config) -> float:
     """Share of the left features whose quad is the true one."""
     current = stereo_features((flow, 0), (flow - disparity, row_shift))
     previous = stereo_features((0, 0), (-disparity, row_shift))

@@ -10,13 +10,13 @@ from front_end_scenes import HEIGHT, WIDTH, Image, MovingPlane, Texture, cluster
 from numpy.typing import NDArray
 
 from gpvo.config import TrackingConfig
-from gpvo.descriptor_tracking import NO_LANDMARK, DescriptorTracker
 from gpvo.observations import Observations
 from gpvo.tracking import MultiResolutionTracker, to_full_resolution
+from gpvo.viso2_tracking import NO_LANDMARK, Viso2Tracker
 
-TRACKERS = ["patch", "descriptor"]
+TRACKERS = ["klt", "viso2"]
 FRAMES = 5
-THRESHOLDS = {"patch": 50.0, "descriptor": 1500.0}  # of thousands, some 500 to match
+THRESHOLDS = {"klt": 50.0, "viso2": 1500.0}  # of thousands, some 500 to match
 # Body twists per frame: to the side, ahead, and turning.
 TWISTS = {
     "side": np.array([0, 0, 0, 0.03, -0.02, 0]),
@@ -30,7 +30,7 @@ def configuration(tracker: str, **fields: object) -> TrackingConfig:
     features = {"response_threshold": THRESHOLDS[tracker]}
     many = {"max_features": 200}
     return TrackingConfig.model_validate(
-        {"tracker": tracker, "features": features, "patch": many, **fields}
+        {"tracker": tracker, "features": features, "klt": many, **fields}
     )
 
 
@@ -125,14 +125,14 @@ def test_a_cluster_without_events_is_no_error(tracker: str, blank: int) -> None:
 
 
 def test_descriptor_tracklets_reach_over_a_blank_frame() -> None:
-    seen = track("descriptor", "side", (1,), 2)
+    seen = track("viso2", "side", (1,), 2)
     before, after = (set(seen.landmark[seen.frame == frame]) for frame in (1, 3))
     assert len(before & after) > 20
 
 
 def test_descriptor_tracker_forgets_landmarks_out_of_reach() -> None:
-    config = configuration("descriptor", earlier_frames=2)
-    tracker, counts = DescriptorTracker(config), []
+    config = configuration("viso2", earlier_frames=2)
+    tracker, counts = Viso2Tracker(config), []
     for frame in [0, 1, 2, 3, 4, 3, 2, 1, 0]:
         tracker.track(*images("side", frame))
         counts.append(len(tracker._references))

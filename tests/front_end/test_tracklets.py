@@ -234,7 +234,7 @@ def test_history_is_limited() -> None:
 
 
 def test_observations_of_earlier_clusters_are_timed_there() -> None:
-    """The descriptor tracker extends tracklets backwards."""
+    """The viso2 tracker extends tracklets backwards."""
     tracklets = Tracklets(CONFIG)
     first, second = moving(0, 0), moving(0, 2)
     left = np.full((HEIGHT, WIDTH), -np.inf)

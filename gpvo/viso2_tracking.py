@@ -43,12 +43,12 @@ class _Sighting:
     right: int
 
 
-class DescriptorTracker:
+class Viso2Tracker:
     """Tracks the features of one resolution; see `gpvo.tracking.Tracker`."""
 
     def __init__(self, config: TrackingConfig) -> None:
         self._features = config.features
-        self._config = config.descriptor
+        self._config = config.viso2
         self._frames: deque[_Frame] = deque(maxlen=config.earlier_frames)
         self._frame_count = 0
         self._landmark_count = 0

@@ -43,11 +43,11 @@ class _Frame:
         )
 
 
-class PatchTracker:
+class KltTracker:
     """Tracks the features of one resolution; see `gpvo.tracking.Tracker`."""
 
     def __init__(self, config: TrackingConfig) -> None:
-        self._config = config.patch
+        self._config = config.klt
         self._features = config.features
         self._frames: deque[_Frame] = deque(maxlen=config.earlier_frames)
         self._frame_count = 0
