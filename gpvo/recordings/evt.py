@@ -1,4 +1,4 @@
-"""Decoders of Prophesee's byte streams, EVT2 and EVT3.
+"""Decoders of Prophesee's byte streams, EVT2, EVT2.1 and EVT3.
 
 Each keeps what a stream carries from one packet to the next (row, time, vector base) and takes
 packets of any length, whole words.
@@ -20,6 +20,9 @@ WRAP_US = 1 << 24
 
 CAPACITY = 1 << 19
 """Events decoded at once."""
+
+LARGEST_VECTOR = 32
+"""Events of one word, EVT2.1's."""
 
 LARGEST_STEP = 64
 """Steps of EVT3's TIME_HIGH (4.096 ms each); one farther away may be damage."""
@@ -72,13 +75,50 @@ class Evt2:
         yield from decoded(_evt2, words, self._state)
 
 
+class Evt21:
+    """EVT2.1, 64-bit words of up to 32 pixels of a row; stamps as EVT2's.
+
+    Parameters
+    ----------
+    legacy
+        Whether the upper half of each word comes first, as from the IMX636.
+    """
+
+    word = np.dtype("<u8")
+
+    def __init__(self, legacy: bool = False) -> None:
+        self._legacy = legacy
+        self._state = np.array([-1], np.int64)
+
+    def decode(self, words: NDArray[np.uint64]) -> Iterator[EventBlock]:
+        """Events of consecutive words; t_ns is in nanoseconds of the sensor's clock."""
+        yield from decoded(_evt21, halves_swapped(words) if self._legacy else words, self._state)
+
+
+def halves_swapped(words: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The lower 32 bits of every word above the upper ones."""
+    return words << np.uint64(32) | words >> np.uint64(32)
+
+
+def looks_legacy(words: NDArray[np.uint64]) -> bool:
+    """Whether the clock of EVT2.1 goes on evenly if its words are read as legacy ones only."""
+    return _clock_steps(halves_swapped(words)) > _clock_steps(words)
+
+
+def _clock_steps(words: NDArray[np.uint64]) -> int:
+    """How many TIME_HIGH are later than the one before, by less than a second."""
+    heads = (words >> np.uint64(32)).astype(np.int64)
+    steps = np.diff(heads[heads >> 28 == 8])
+    return int(np.count_nonzero((steps > 0) & (steps << 6 < 1_000_000)))
+
+
 def decoded(
     kernel: Callable[..., Any], words: NDArray[Any], state: NDArray[np.int64]
 ) -> Iterator[EventBlock]:
     """Run a kernel until all words are used; it stops where its buffers are full."""
     used = 0
     while used < len(words):
-        size = min(CAPACITY, 12 * (len(words) - used)) + 12
+        size = min(CAPACITY, LARGEST_VECTOR * (len(words) - used)) + LARGEST_VECTOR
         x, y = np.empty(size, np.uint16), np.empty(size, np.uint16)
         t_us, polarity = np.empty(size, np.int64), np.empty(size, np.bool_)
         used, count = kernel(words, used, state, x, y, t_us, polarity)
@@ -90,7 +130,7 @@ def decoded(
 @njit(cache=True)
 def _evt3(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-def]
     row, base, base_polarity = state[Y], state[BASE], state[BASE_POLARITY]
-    count, room = 0, len(x) - 12
+    count, room = 0, len(x) - LARGEST_VECTOR
     now = state[WRAPS] * WRAP_US + state[HIGH] * 4096 + state[LOW]
     valid = state[READY] == 1
     while used < len(words) and count <= room:
@@ -188,7 +228,7 @@ def _advance(previous, wraps, high, state):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _evt2(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-def]
-    count, room = 0, len(x) - 12
+    count, room = 0, len(x) - LARGEST_VECTOR
     high = state[0]
     while used < len(words) and count <= room:
         word = np.int64(words[used])
@@ -201,5 +241,26 @@ def _evt2(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-
                 count += 1
         elif code == 0x8:
             high = word & 0xFFFFFFF
+    state[0] = high
+    return used, count
+
+
+@njit(cache=True)
+def _evt21(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-def]
+    count, room = 0, len(x) - LARGEST_VECTOR
+    high = state[0]
+    while used < len(words) and count <= room:
+        word = np.int64(words[used])
+        used += 1
+        code = word >> 60 & 0xF
+        if code <= 1:
+            if high >= 0:
+                for bit in range(32):
+                    if word >> bit & 1:
+                        x[count], y[count] = (word >> 43 & 0x7FF) + bit, word >> 32 & 0x7FF
+                        t_us[count], polarity[count] = high << 6 | (word >> 54 & 0x3F), code == 1
+                        count += 1
+        elif code == 0x8:
+            high = word >> 32 & 0xFFFFFFF
     state[0] = high
     return used, count

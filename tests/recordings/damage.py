@@ -9,7 +9,15 @@ from pathlib import Path
 
 import numpy as np
 from bag_files import event_packets, types, write_rosbag1, write_rosbag2
-from encoders import column_file, event_block, evt2_words, evt3_words, raw_file, text_file
+from encoders import (
+    column_file,
+    event_block,
+    evt2_words,
+    evt3_words,
+    evt21_words,
+    raw_file,
+    text_file,
+)
 from reading import read_recording
 from rosbags.rosbag2 import StoragePlugin
 
@@ -54,6 +62,7 @@ def samples(folder: Path, calibration: Path) -> dict[str, Sample]:
         column_file(source / f"{side}.h5", block)
         raw_file(folder / f"raw3_{side}.raw", evt3_words(block))
         raw_file(folder / f"raw2_{side}.raw", evt2_words(block))
+        raw_file(folder / f"raw21_{side}.raw", evt21_words(block))
         text_file(folder / f"text_{side}.txt", block)
     recording = open_recording(source, calibration)
     for name in ("a.bag", "b.mcap", "c.aedat4"):
@@ -65,6 +74,7 @@ def samples(folder: Path, calibration: Path) -> dict[str, Sample]:
         "aedat4": folder / "c.aedat4",
         "raw evt3": folder / "raw3_left.raw",
         "raw evt2": folder / "raw2_left.raw",
+        "raw evt2.1": folder / "raw21_left.raw",
         "text": folder / "text_left.txt",
         "rosbag1 packets": _bag_of_packets(folder, blocks, True),
         "rosbag2 packets": _bag_of_packets(folder, blocks, False),

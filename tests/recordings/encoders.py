@@ -66,8 +66,8 @@ def evt3_words(block: EventBlock, vectors: bool = False) -> np.ndarray:
     return np.array(words, "<u2")
 
 
-def _run(block: EventBlock, first: int) -> list[int]:
-    """Following events of one time, row and polarity, rightwards within 12 columns."""
+def _run(block: EventBlock, first: int, columns: int = 12) -> list[int]:
+    """Following events of one time, row and polarity, rightwards within some columns."""
     run = [first]
     for index in range(first + 1, len(block)):
         same = all(
@@ -75,7 +75,7 @@ def _run(block: EventBlock, first: int) -> list[int]:
             for name in ("t_ns", "y", "polarity")
         )
         x, previous = int(block.x[index]), int(block.x[run[-1]])
-        if not (same and previous < x < int(block.x[first]) + 12):
+        if not (same and previous < x < int(block.x[first]) + columns):
             break
         run.append(index)
     return run
@@ -94,10 +94,29 @@ def evt2_words(block: EventBlock) -> np.ndarray:
     return np.array(words, "<u4")
 
 
-def raw_file(path: Path, words: np.ndarray) -> Path:
-    """A Prophesee raw file."""
-    version = "3.0" if words.itemsize == 2 else "2.0"
-    header = f"% date 2026-01-01 00:00:00\n% evt {version}\n% geometry {WIDTH}x{HEIGHT}\n% end\n"
+def evt21_words(block: EventBlock, legacy: bool = False) -> np.ndarray:
+    """EVT2.1 of events in order, neighbours of one time, row and polarity in one word."""
+    words: list[int] = []
+    last_high = -1
+    index = 0
+    while index < len(block):
+        run = _run(block, index, 32)
+        x, y, t_us = int(block.x[index]), int(block.y[index]), int(block.t_ns[index]) // 1000
+        if t_us >> 6 != last_high:
+            last_high = t_us >> 6
+            words.append((0x8 << 28 | last_high & 0xFFFFFFF) << 32)
+        head = int(block.polarity[index]) << 28 | (t_us & 0x3F) << 22 | x << 11 | y
+        words.append(head << 32 | sum(1 << int(block.x[i]) - x for i in run))
+        index += len(run)
+    ordered = [word >> 32 | (word & 0xFFFFFFFF) << 32 for word in words] if legacy else words
+    return np.array(ordered, "<u8")
+
+
+def raw_file(path: Path, words: np.ndarray, form: str = "") -> Path:
+    """A Prophesee raw file; `form` is a line of the header that not all files have."""
+    version = {2: "3.0", 4: "2.0", 8: "2.1"}[words.itemsize]
+    lines = ["date 2026-01-01 00:00:00", f"evt {version}", form, f"geometry {WIDTH}x{HEIGHT}"]
+    header = "".join(f"% {line}\n" for line in [*lines, "end"] if line)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(header.encode() + words.tobytes())
     return path

@@ -22,11 +22,12 @@ FORMATS = (
     "aedat4",
     "raw evt3",
     "raw evt2",
+    "raw evt2.1",
     "text",
     "rosbag1 packets",
     "rosbag2 packets",
 )
-WITHOUT_AN_END = ("raw evt3", "raw evt2", "text")
+WITHOUT_AN_END = ("raw evt3", "raw evt2", "raw evt2.1", "text")
 """Formats whose files may end anywhere."""
 
 Intact = dict[str, tuple[Sample, bytes, tuple[EventBlock, EventBlock]]]

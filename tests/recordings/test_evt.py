@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from encoders import event_block, evt2_words, evt3_words, raw_file, shifted
+from encoders import event_block, evt2_words, evt3_words, evt21_words, raw_file, shifted
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from reading import assert_recording_holds, assert_same_events, read_stream
 
+from gpvo.errors import InputError
 from gpvo.recordings import evt, open_recording
 from gpvo.recordings.raw import RawStream
 from gpvo.recordings.streams import EventBlock
@@ -49,7 +50,9 @@ def plain_evt3(words: list[int]) -> list[tuple[int, int, int, int]]:
     return events
 
 
-def decoded(decoder: evt.Evt3 | evt.Evt2, words: np.ndarray, cuts: list[int]) -> list[tuple]:
+def decoded(
+    decoder: evt.Evt3 | evt.Evt2 | evt.Evt21, words: np.ndarray, cuts: list[int]
+) -> list[tuple]:
     """Events of words that arrive in pieces."""
     parts = [block for piece in np.split(words, sorted(cuts)) for block in decoder.decode(piece)]
     return [
@@ -83,16 +86,18 @@ def test_evt3_is_the_plain_decoder(
     assert ours == plain_evt3(words)
 
 
+def in_rows(block: EventBlock) -> EventBlock:
+    """Runs of neighbours of one time, row and polarity, twice the same column in them."""
+    rows = np.arange(len(block)) // 40 * 40
+    x = np.arange(len(block), dtype=np.uint16) // 2 % 60
+    return EventBlock(x, block.y[rows], block.t_ns[rows], block.polarity[rows])
+
+
 @pytest.mark.parametrize("vectors", [False, True])
 def test_evt3_gives_back_what_was_encoded(vectors: bool) -> None:
     block = event_block(3000, 1, start_ns=WRAP_NS - 200_000_000)
     if vectors:
-        block = EventBlock(
-            np.arange(3000, dtype=np.uint16) // 2 % 60, block.y, block.t_ns, block.polarity
-        )
-        rows = np.arange(3000) // 40 * 40
-        block = block[np.argsort(rows, kind="stable")]
-        block = EventBlock(block.x, block.y[rows], block.t_ns[rows], block.polarity[rows])
+        block = in_rows(block)
     words = evt3_words(block, vectors)
     assert vectors == bool((words >> 12 == 4).any())
     assert_same_events(EventBlock.concatenate(list(evt.Evt3().decode(words))), block)
@@ -135,6 +140,43 @@ def test_evt2_is_the_plain_decoder(words: np.ndarray, cut: int) -> None:
                 (word >> 11 & 0x7FF, word & 0x7FF, high << 6 | word >> 22 & 63, word >> 28)
             )
     assert decoded(evt.Evt2(), words, [min(cut, len(words))]) == events
+
+
+@settings(deadline=None, max_examples=30)
+@given(words=arrays("<u8", st.integers(0, 60)), cut=st.integers(0, 60), legacy=st.booleans())
+def test_evt21_is_the_plain_decoder(words: np.ndarray, cut: int, legacy: bool) -> None:
+    words = words & np.uint64(0x8FFFFFFF8FFFFFFF)
+    high, events = None, []
+    for word in words.tolist():
+        halves = word >> 32, word & 0xFFFFFFFF
+        head, valid = reversed(halves) if legacy else halves
+        if head >> 28 == 8:
+            high = head & 0xFFFFFFF
+        elif head >> 28 <= 1 and high is not None:
+            x, y, t_us = head >> 11 & 0x7FF, head & 0x7FF, high << 6 | head >> 22 & 63
+            events += [(x + i, y, t_us, head >> 28) for i in range(32) if valid >> i & 1]
+    assert decoded(evt.Evt21(legacy), words, [min(cut, len(words))]) == events
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+@pytest.mark.parametrize("stated", [False, True])
+def test_pair_of_evt21_files(tmp_path: Path, calibration: Path, legacy: bool, stated: bool) -> None:
+    """Either half of the words first, whether the header tells it or not."""
+    blocks = event_block(900, 4, start_ns=10**9), in_rows(event_block(800, 5, start_ns=10**9))
+    form = f"format EVT21;height=1;endianness={'legacy' if legacy else 'little'};width=1"
+    for side, block in zip(("left", "right"), blocks, strict=True):
+        words = evt21_words(block, legacy)
+        raw_file(tmp_path / f"{side}.raw", words, form if stated else "")
+    assert len(words) < len(blocks[1])  # neighbours share one
+    assert_recording_holds(open_recording(tmp_path, calibration), *blocks)
+
+
+def test_another_version_is_refused(tmp_path: Path, calibration: Path) -> None:
+    for side in ("left", "right"):
+        path = raw_file(tmp_path / f"{side}.raw", evt2_words(event_block(10)))
+        path.write_bytes(path.read_bytes().replace(b"evt 2.0", b"evt 4.0"))
+    with pytest.raises(InputError, match=r"EVT 4\.0; gpvo reads EVT 2\.0, 2\.1 and 3\.0"):
+        open_recording(tmp_path, calibration)
 
 
 def test_decoding_stops_where_its_buffers_are_full(monkeypatch: pytest.MonkeyPatch) -> None:
