@@ -16,12 +16,12 @@ from factors.stereo import StereoCamera
 from gpvo.clustering import StereoCluster, cluster_events
 from gpvo.config import Configuration
 from gpvo.errors import InputError
+from gpvo.front_end import FrontEnd
 from gpvo.inspection_truth import Truth
-from gpvo.mc_ransac import VelocityFit, fast_mc_ransac, mc_ransac
+from gpvo.mc_ransac import Segments, fast_mc_ransac
 from gpvo.observations import Observations
 from gpvo.recordings.base import Recording
-from gpvo.tracking import MultiResolutionTracker
-from gpvo.tracklets import Measurements, Tracklets, segments_between
+from gpvo.tracklets import Measurements, segments_between
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -136,11 +136,11 @@ def inspect(
     InputError
         If the events are faulty or there are too few for a cluster.
     """
-    front_end = _FrontEnd(recording, truth, configuration)
+    inspector = _Inspector(recording, truth, configuration)
     slabs = recording.slabs(start, start + duration)
     clusters = []
     for cluster in cluster_events(slabs, recording.rig, configuration.clustering):
-        clusters.append(front_end.process(cluster))
+        clusters.append(inspector.process(cluster))
         if progress is not None:
             progress(clusters[-1])
     if not clusters:
@@ -148,53 +148,39 @@ def inspect(
     return clusters
 
 
-class _FrontEnd:
-    """The stages before the estimator."""
+class _Inspector:
+    """The front end, and the truth that it is held against."""
 
     def __init__(self, recording: Recording, truth: Truth, configuration: Configuration) -> None:
-        rig = recording.rig
+        self._front_end = FrontEnd(recording.rig, configuration)
         self._truth = truth
-        self._config = configuration
-        self._camera = StereoCamera(
-            rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
-        )
-        self._tracker = MultiResolutionTracker(configuration.tracking)
-        self._tracklets = Tracklets(configuration.tracklets)
-        self._rng = np.random.default_rng(configuration.seed)
+        self._config = configuration.mc_ransac
         self._known = np.empty(0, np.int64)
         self._frame = 0
 
     def process(self, cluster: StereoCluster) -> InspectedCluster:
-        observations = self._tracker.track(cluster)
-        self._tracklets.add(cluster, observations)
-        earlier, later = self._tracklets.pairs(self._config.mc_ransac.span)
-        fast, fit = self._velocities(earlier, later)
-        accepted = np.zeros(len(later), bool) if fit is None else fit.inliers
-        self._tracklets.reject(later.landmark[~accepted])
-        features, quads = self._count(observations)
+        rng = deepcopy(self._front_end.rng)
+        tracked = self._front_end.process(cluster)
+        earlier, later, fit = tracked.earlier, tracked.later, tracked.fit
+        features, quads = self._count(tracked.observations)
         return InspectedCluster(
             cluster.start,
             cluster.stop,
             cluster.left.event_count + cluster.right.event_count,
             features,
             quads,
-            judge(earlier, later, accepted, self._truth, self._camera),
+            judge(earlier, later, tracked.inliers, self._truth, self._front_end.camera),
             self._true_twist(earlier, later),
-            fast,
+            self._fast_twist(segments_between(earlier, later), rng),
             np.full(6, np.nan) if fit is None else fit.velocity,
             np.packbits(cluster.left.binary_frame > 0, axis=1),
         )
 
-    def _velocities(
-        self, earlier: Measurements, later: Measurements
-    ) -> tuple[Array, VelocityFit | None]:
-        """What the fast version finds, and the whole; both draw the same samples."""
-        segments, config = segments_between(earlier, later), self._config.mc_ransac
-        if len(segments) < config.sample_size:
-            return np.full(6, np.nan), None
-        fast = fast_mc_ransac(segments, self._camera, config, deepcopy(self._rng))
-        information = np.diag(self._config.noise.measurement_information)
-        return fast, mc_ransac(segments, self._camera, information, config, self._rng)
+    def _fast_twist(self, segments: Segments, rng: np.random.Generator) -> Array:
+        """What the fast version finds alone, by the samples that the whole drew."""
+        if len(segments) < self._config.sample_size:
+            return np.full(6, np.nan)
+        return fast_mc_ransac(segments, self._front_end.camera, self._config, rng)
 
     def _count(self, observations: Observations) -> tuple[int, int]:
         """Landmarks in the newest frame, and how many of them are seen elsewhere, too."""

@@ -9,17 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from factors import StereoCamera
 from gpvo.calibration import StereoRig
 from gpvo.clustering import StereoCluster, cluster_events
 from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.estimators import make_estimator
-from gpvo.mc_ransac import mc_ransac
+from gpvo.front_end import FrontEnd
 from gpvo.recordings.base import Recording
 from gpvo.threads import one_blas_thread
-from gpvo.tracking import MultiResolutionTracker
-from gpvo.tracklets import Tracklets
+from gpvo.tracking import Tracker
 from gpvo.trajectory import Trajectory
 
 
@@ -58,7 +56,8 @@ class Odometry:
     >>> odometry = Odometry(recording.rig)
     >>> trajectory = odometry.run(recording)
 
-    `stage`, if given, is entered around every stage with the stage's name, to time it.
+    `stage`, if given, is entered around every stage with the stage's name, to time it. `tracker`
+    takes the place of the one that the configuration names.
     """
 
     def __init__(
@@ -66,17 +65,14 @@ class Odometry:
         rig: StereoRig,
         configuration: Configuration | None = None,
         stage: Callable[[str], AbstractContextManager[Any]] = nullcontext,
+        tracker: Tracker | None = None,
     ) -> None:
         self.configuration = configuration or Configuration()
         self.reports: list[ClusterReport] = []
         self._rig = rig
         self._stage = stage
-        self.camera = StereoCamera(
-            rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
-        )
-        self._tracker = MultiResolutionTracker(self.configuration.tracking)
-        self._tracklets = Tracklets(self.configuration.tracklets)
-        self._rng = np.random.default_rng(self.configuration.seed)
+        self._front_end = FrontEnd(rig, self.configuration, tracker, stage)
+        self.camera = self._front_end.camera
         self.estimator = make_estimator(
             self.camera, self.configuration.noise, self.configuration.estimator
         )
@@ -117,33 +113,20 @@ class Odometry:
             return self._process(cluster)
 
     def _process(self, cluster: StereoCluster) -> ClusterReport:
-        with self._stage("tracking"):
-            observations = self._tracker.track(cluster)
-        with self._stage("tracklets"):
-            self._tracklets.add(cluster, observations)
-            segments, landmarks = self._tracklets.segments(self.configuration.mc_ransac.span)
-        with self._stage("outlier rejection"):
-            fit = mc_ransac(
-                segments,
-                self.camera,
-                np.diag(self.configuration.noise.measurement_information),
-                self.configuration.mc_ransac,
-                self._rng,
-            )
-            inliers = landmarks[fit.inliers] if fit is not None else landmarks[:0]
-            self._tracklets.reject(np.setdiff1d(landmarks, inliers))
+        tracked = self._front_end.process(cluster)
         with self._stage("estimation"):
-            measurements = self._tracklets.take(inliers)
-            self.estimator.update(len(self.reports), cluster.stop, measurements, fit)
+            self.estimator.update(
+                len(self.reports), cluster.stop, tracked.measurements, tracked.fit
+            )
         self.reports.append(
             ClusterReport(
                 cluster.start,
                 cluster.stop,
                 cluster.left.event_count + cluster.right.event_count,
-                len(observations),
-                len(segments),
-                len(inliers),
-                len(measurements),
+                len(tracked.observations),
+                len(tracked.later),
+                int(tracked.inliers.sum()),
+                len(tracked.measurements),
             )
         )
         return self.reports[-1]

@@ -1,4 +1,4 @@
-"""What a tracker gives, whatever its features: landmarks observed in stereo frames.
+"""What a tracker gives, whatever its features: landmarks observed in stereo clusters.
 
 Section III-A.2 of the paper: any feature detector and tracker can be used.
 """
@@ -23,6 +23,17 @@ StereoImage = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 class Tracker(Protocol):
+    """Follows features through the clusters it is given, in order of time.
+
+    Any object with this method is a tracker: `Odometry(rig, tracker=mine)`.
+    """
+
+    def track(self, cluster: StereoCluster) -> Observations:
+        """Observations that a new cluster adds, in it or in earlier ones."""
+        ...
+
+
+class ImageTracker(Protocol):
     """Follows features through the stereo images it is given, one pair after the other."""
 
     def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Observations:
@@ -30,14 +41,22 @@ class Tracker(Protocol):
         ...
 
 
+def make_tracker(config: TrackingConfig) -> Tracker:
+    """The tracker that the configuration names."""
+    return MultiResolutionTracker(config)
+
+
 class MultiResolutionTracker:
-    """Trackers at several resolutions, run independently; positions are full-resolution pixels."""
+    """Image trackers at several resolutions, run independently.
+
+    Positions are full-resolution pixels.
+    """
 
     def __init__(self, config: TrackingConfig) -> None:
         make = KltTracker if config.tracker == "klt" else Viso2Tracker
         self._image = config.image
         self._resolutions = config.resolutions
-        self._trackers: Sequence[Tracker] = [make(config) for _ in config.resolutions]
+        self._trackers: Sequence[ImageTracker] = [make(config) for _ in config.resolutions]
 
     def track(self, cluster: StereoCluster) -> Observations:
         """Observations that a new cluster adds."""
