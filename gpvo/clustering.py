@@ -5,8 +5,9 @@ Section III-A.1 of the paper.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numba import njit
@@ -19,6 +20,33 @@ from gpvo.recordings.base import Events, StereoEvents
 
 
 @dataclass(frozen=True, eq=False)
+class RectifiedEvents:
+    """Events of one camera in order of time, where rectification puts them.
+
+    Attributes
+    ----------
+    points
+        (N, 2) float64 rectified pixel (u, v), within the image.
+    t
+        (N,) float64 seconds since the recording's start.
+    polarity
+        (N,) bool, True where the pixel became brighter.
+    """
+
+    points: NDArray[np.float64]
+    t: NDArray[np.float64]
+    polarity: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @staticmethod
+    def empty() -> RectifiedEvents:
+        """No events."""
+        return RectifiedEvents(np.empty((0, 2)), np.empty(0), np.empty(0, bool))
+
+
+@dataclass(frozen=True, eq=False)
 class EventImage:
     """The events of one camera in one cluster, on the rectified pixel grid.
 
@@ -28,10 +56,13 @@ class EventImage:
         (height, width) float64 time of the latest event of each pixel, seconds; -inf where none.
     event_count
         Number of events in the cluster, those that rectify to outside the image included.
+    events
+        Makes the rectified events, for trackers that want them one by one.
     """
 
     surface_of_active_events: NDArray[np.float64]
     event_count: int
+    events: Callable[[], RectifiedEvents] = RectifiedEvents.empty
 
     @property
     def binary_frame(self) -> NDArray[np.uint8]:
@@ -115,7 +146,18 @@ def event_image(
     """
     surface = np.full(resolution[::-1], -np.inf)
     _paint(surface, events.x, events.y, events.t, table)
-    return EventImage(surface, len(events))
+    return EventImage(surface, len(events), partial(rectify, events, table, resolution))
+
+
+def rectify(
+    events: Events, table: NDArray[np.float32], resolution: tuple[int, int]
+) -> RectifiedEvents:
+    """The events that rectification leaves in the image; arguments as of `event_image`."""
+    points = table[events.y, events.x].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # some tables hold NaN
+        nearest = np.rint(points)
+        inside = ((nearest >= 0) & (nearest < resolution)).all(axis=1)
+    return RectifiedEvents(points[inside], events.t[inside], events.polarity[inside])
 
 
 @njit(cache=True)

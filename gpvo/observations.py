@@ -21,12 +21,17 @@ class Observations:
         (N,) int64 number of the stereo frame, counted from 0.
     left, right
         (N, 2) float64 pixel (u, v) in the left and the right image.
+    own_times
+        (N, 2) float64 seconds at which the landmark was at the left and at the right pixel, NaN
+        where unknown; None if the tracker has no times of its own. What is unknown is told by the
+        events around the pixel.
     """
 
     landmark: NDArray[np.int64]
     frame: NDArray[np.int64]
     left: NDArray[np.float64]
     right: NDArray[np.float64]
+    own_times: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return len(self.landmark)
@@ -36,6 +41,11 @@ class Observations:
         """(N,) left column minus right column, pixels."""
         return self.left[:, 0] - self.right[:, 0]
 
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """(N, 2) the tracker's own times, left and right, seconds; NaN where it has none."""
+        return np.full((len(self), 2), np.nan) if self.own_times is None else self.own_times
+
     @staticmethod
     def concatenate(parts: Sequence[Observations]) -> Observations:
         """Join several sets of observations."""
@@ -44,4 +54,5 @@ class Observations:
             np.concatenate([part.frame for part in parts]),
             np.concatenate([part.left for part in parts]),
             np.concatenate([part.right for part in parts]),
+            np.concatenate([part.times for part in parts]),
         )

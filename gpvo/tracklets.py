@@ -18,6 +18,10 @@ from gpvo.config import TrackletConfig
 from gpvo.mc_ransac import Segments
 from gpvo.observations import Observations
 
+Array = NDArray[np.float64]
+Surfaces = tuple[Array, Array]
+"""Surfaces of active events, left and right."""
+
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
@@ -69,14 +73,19 @@ class Tracklets:
 
     def __init__(self, config: TrackletConfig) -> None:
         self._config = config
-        self._clusters: deque[tuple[int, StereoCluster]] = deque(maxlen=config.history)
+        self._clusters: deque[tuple[int, Surfaces]] = deque(maxlen=config.history)
         self._cluster_count = 0
         self._measurements = Measurements.concatenate([])
         self._taken = np.empty(0, bool)
 
     def add(self, cluster: StereoCluster, observations: Observations) -> None:
         """Take the observations that a new cluster added, in it or in earlier ones."""
-        self._clusters.append((self._cluster_count, cluster))
+        # Not the cluster, whose events would stay in memory.
+        surfaces = (
+            cluster.left.surface_of_active_events,
+            cluster.right.surface_of_active_events,
+        )
+        self._clusters.append((self._cluster_count, surfaces))
         self._cluster_count += 1
         self._keep(self._measurements.frame >= self._clusters[0][0])
         new = [self._measure(number, seen, observations) for number, seen in self._clusters]
@@ -135,16 +144,17 @@ class Tracklets:
         passed &= known.t[end] - known.t[start] >= self._config.min_duration
         return order[passed[tracklet]]
 
-    def _measure(
-        self, number: int, cluster: StereoCluster, observations: Observations
-    ) -> Measurements:
+    def _measure(self, number: int, surfaces: Surfaces, observations: Observations) -> Measurements:
         """Time the observations of one cluster; drop those that fail the stereo filters."""
         seen = observations.frame == number
         left, right = observations.left[seen], observations.right[seen]
         disparity = observations.disparity[seen]
-        radius = self._config.time_radius
-        t_left = feature_times(cluster.left.surface_of_active_events, left, radius)
-        t_right = feature_times(cluster.right.surface_of_active_events, right, radius)
+        t_left, t_right = (
+            self._times(surface, points, own)
+            for surface, points, own in zip(
+                surfaces, (left, right), observations.times[seen].T, strict=True
+            )
+        )
         passed = np.abs(t_left - t_right) <= self._config.max_stereo_time_difference
         passed &= disparity >= self._config.min_disparity
         return Measurements(
@@ -153,6 +163,13 @@ class Tracklets:
             t_left,
             np.column_stack([left, disparity]),
         )[passed]
+
+    def _times(self, surface: Array, points: Array, own: Array) -> Array:
+        """The tracker's own times (N,) of points (N, 2), and the surface's where it has none."""
+        known = np.isfinite(own)
+        times = own.copy()
+        times[~known] = feature_times(surface, points[~known], self._config.time_radius)
+        return times
 
 
 @njit(cache=True)

@@ -135,6 +135,10 @@ def test_surface_holds_the_latest_time_of_each_rectified_pixel(seed: int) -> Non
     image = event_image(events, table, (WIDTH, HEIGHT))
     np.testing.assert_array_equal(image.surface_of_active_events, expected)
     assert image.event_count == len(events)
+    rectified = image.events()
+    np.testing.assert_array_equal(rectified.points, table[events.y, events.x][inside])
+    np.testing.assert_array_equal(rectified.t, events.t[inside])
+    np.testing.assert_array_equal(rectified.polarity, events.polarity[inside])
     white = np.zeros((HEIGHT, WIDTH), np.uint8)
     white[pixel] = 255
     np.testing.assert_array_equal(image.binary_frame, white)

@@ -244,12 +244,28 @@ def test_observations_of_earlier_clusters_are_timed_there() -> None:
         cluster = StereoCluster(frame / 8, frame / 8 + 1 / 8, *[EventImage(left.copy(), 0)] * 2)
         points = np.array([[s[1], s[2]] for s in (first, second)])
         seen = Observations(np.zeros(2, int), np.array([0, 1]), points, points - [8.0, 0])
-        tracklets.add(
-            cluster, seen if frame == 2 else Observations(*(a[:0] for a in vars(seen).values()))
-        )
+        nothing = Observations(seen.landmark[:0], seen.frame[:0], points[:0], points[:0])
+        tracklets.add(cluster, seen if frame == 2 else nothing)
     taken = tracklets.take(ALL)
     assert taken.frame.tolist() == [0, 1]
     np.testing.assert_array_equal(taken.t, [first[4], second[4]])
+
+
+def test_times_of_the_tracker_take_the_place_of_the_surface() -> None:
+    tracklets, surface = Tracklets(CONFIG), np.full((HEIGHT, WIDTH), 5 / 64)
+    cluster = StereoCluster(0.0, 1 / 8, *[EventImage(surface, 0)] * 2)
+    own = np.array([[1 / 64, 2 / 64], [np.nan, np.nan], [4 / 64, np.nan], [1 / 64, 3 / 64]])
+    left = np.column_stack([[20.0] * 4, 10 * np.arange(4) + 5])
+    for frame in range(2):
+        points = left + np.array([8.0 * frame, 0])
+        right = points - np.array([8.0, 0])
+        seen = Observations(np.arange(4), np.full(4, frame), points, right, own + frame / 8)
+        tracklets.add(cluster, seen)
+        surface += 1 / 8
+    taken = tracklets.take(ALL)
+    assert taken.landmark.tolist() == [0, 0, 1, 1, 2, 2]  # 3 fails the stereo filter
+    np.testing.assert_array_equal(taken.t[::2], np.array([1, 5, 4]) / 64)
+    np.testing.assert_array_equal(taken.t[1::2], np.array([1, 5, 4]) / 64 + 1 / 8)
 
 
 def test_observations_without_events_are_dropped() -> None:
