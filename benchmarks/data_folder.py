@@ -8,7 +8,7 @@ from pathlib import Path
 from gpvo.errors import InputError
 
 
-def find_file(data: Path, names: Sequence[str], advice: str) -> Path:
+def find_file(data: Path, names: Sequence[str], advice: str, elsewhere: Path | None = None) -> Path:
     """The first of some names, found anywhere below the folder.
 
     Parameters
@@ -19,6 +19,8 @@ def find_file(data: Path, names: Sequence[str], advice: str) -> Path:
         Names or relative paths, the best one first.
     advice
         What to put where, for the error.
+    elsewhere
+        A folder that may hold them as well.
 
     Raises
     ------
@@ -27,10 +29,12 @@ def find_file(data: Path, names: Sequence[str], advice: str) -> Path:
     """
     if not data.is_dir():
         raise InputError(f"--data {data}: no such folder; {advice}")
-    found = next((path for name in names for path in sorted(data.rglob(name))), None)
-    if found is None:
-        raise InputError(f"{data}: holds no {' or '.join(names)}; {advice}")
-    return found
+    folders = [folder for folder in (data, elsewhere) if folder is not None]
+    for name in names:
+        for folder in folders:
+            if found := sorted(folder.rglob(name)):
+                return found[0]
+    raise InputError(f"{data}: holds no {' or '.join(names)}; {advice}")
 
 
 def find_trajectories(folder: Path | None, sequence: str) -> dict[str, Path]:

@@ -111,7 +111,8 @@ def run_sequence(
     """Estimate, and compare with the ground truth at the first competitor's states."""
     recording = open_recording(sequence.recording, sequence.calibration)
     span = seconds_of(sequence.span_ns, recording)
-    truth = load_poses(sequence.ground_truth, recording.rig)
+    beside = [sequence.calibration] if sequence.calibration else []
+    truth = load_poses(sequence.ground_truth, recording.rig, beside)
     others = [
         Contender(name, load_poses(path), truth)
         for name, path in find_trajectories(trajectories, sequence.name).items()

@@ -20,7 +20,7 @@ from gpvo.evaluation.table_formats import to_rich
 from gpvo.evaluation.tables import Cell, ResultTable, best_marked, metres
 
 PROTOCOL = Protocol(align_body="rotation")
-"""The ground truth in use comes from a lidar, whose axes are not the camera's."""
+"""Others' trajectories are of another rectification; truths that they publish are of the lidar."""
 
 
 def find_sequence(data: Path, trajectories: Path | None, name: str) -> DatasetSequence:
@@ -33,25 +33,26 @@ def find_sequence(data: Path, trajectories: Path | None, name: str) -> DatasetSe
     """
     if name not in DSEC_ATE:
         raise InputError(f"--sequences {name}: known are {', '.join(DSEC_ATE)}")
+    drive = name.rpartition("_")[0]
     advice = (
         f"put DSEC's events below it as {name}/events/left/events.h5 and"
         f" {name}/events/right/events.h5 (or {name}_events_left/events.h5 and so on), and"
         f" {name}/calibration/cam_to_cam.yaml; they are at dsec.ifi.uzh.ch. DSEC has no poses: put"
-        f" those of a lidar odometry into {name}/stamped_groundtruth.txt (TUM), there or below"
-        " --trajectories"
+        f" those of a lidar odometry there as {drive}-odometry/pose.bag (tub-rip/dvs_mcemvs), with"
+        f" DSEC's cam_to_lidar.yaml beside cam_to_cam.yaml, or poses of the camera as"
+        f" {name}/stamped_groundtruth.txt (TUM), there or below --trajectories"
     )
-    truth_names = [f"*{name}/stamped_groundtruth.txt"]
-    elsewhere = trajectories is not None and any(trajectories.rglob(truth_names[0]))
-    return DatasetSequence(
-        name,
-        find_file(data, [f"{name}/events/left/events.h5", f"{name}_events_left/events.h5"], advice),
-        find_file(
-            data,
-            [f"{name}/calibration/cam_to_cam.yaml", f"{name}_calibration/cam_to_cam.yaml"],
-            advice,
-        ),
-        find_file(trajectories if elsewhere and trajectories else data, truth_names, advice),
+    events = find_file(
+        data, [f"{name}/events/left/events.h5", f"{name}_events_left/events.h5"], advice
     )
+    calibration = find_file(
+        data, [f"{name}/calibration/cam_to_cam.yaml", f"{name}_calibration/cam_to_cam.yaml"], advice
+    )
+    truths = [f"{drive}-odometry/pose.bag", f"*{name}/stamped_groundtruth.txt"]
+    truth = find_file(data, truths, advice, trajectories)
+    if truth.suffix == ".bag":
+        find_file(calibration.parent, ["cam_to_lidar.yaml"], advice)
+    return DatasetSequence(name, events, calibration, truth)
 
 
 def ate_table(outcomes: Sequence[Outcome]) -> ResultTable:

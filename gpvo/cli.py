@@ -14,7 +14,6 @@ from gpvo.config import Configuration
 from gpvo.configuration_file import configuration_text, load_configuration
 from gpvo.errors import InputError
 from gpvo.recordings import Recording, open_recording
-from gpvo.recordings.calibrations import read_calibration
 
 BAD_INPUT = 2
 """Exit status."""
@@ -66,7 +65,7 @@ def run(
 
     configuration = load_configuration(config) if config else Configuration()
     opened = open_recording(recording, calibration, left_topic, right_topic)
-    truth = load_ground_truth(ground_truth, opened) if ground_truth else None
+    truth = load_ground_truth(ground_truth, opened, calibration) if ground_truth else None
     span = (start, np.inf if duration is None else duration)
     folder = output or Path("results") / recording.stem
     run_and_write(opened, seeded(configuration, seed), folder, truth, console, *span)
@@ -122,11 +121,10 @@ def evaluate(
     from gpvo.evaluation.command import evaluate_command
     from gpvo.evaluation.protocol import Protocol
 
-    rig = read_calibration(calibration) if calibration else None
     protocol = Protocol(
         step, truth_between, association, max_difference, aligned_at, align_body, align_time
     )
-    evaluate_command(estimate, ground_truth, against or (), output, protocol, rig, console)
+    evaluate_command(estimate, ground_truth, against or (), output, protocol, calibration, console)
 
 
 @app.command(name="tune-noise")
@@ -143,7 +141,7 @@ def tune_noise(
     from gpvo.tune_noise import noise_text, tuned_on_recording
 
     opened = open_recording(recording, calibration, left_topic, right_topic)
-    truth = load_ground_truth(ground_truth, opened)
+    truth = load_ground_truth(ground_truth, opened, calibration)
     configuration = load_configuration(config) if config else Configuration()
     print(noise_text(tuned_on_recording(opened, truth, configuration)), end="")
 
@@ -182,7 +180,9 @@ def inspect_front_end(
     )
     truth = None
     if ground_truth is not None:
-        truth = truth_of_poses(load_ground_truth(ground_truth, opened), opened.start_ns)
+        truth = truth_of_poses(
+            load_ground_truth(ground_truth, opened, calibration), opened.start_ns
+        )
     configuration = seeded(load_configuration(config) if config else Configuration(), seed)
     folder = output or Path("results") / recording.stem / "inspection"
     span = (start, np.inf if duration is None else duration)

@@ -191,7 +191,7 @@ def ground_truths(recording: Recording) -> list[str]:
     lines = []
     for file in sorted({file for pattern in GROUND_TRUTH for file in folder.glob(pattern)}):
         try:
-            poses = load_poses(file, recording.rig)
+            poses = load_poses(file, recording.rig, [path])
         except InputError as error:
             lines.append(str(error))
             continue

@@ -65,9 +65,12 @@ def run_and_write(
     console.print(f"results: {folder}")
 
 
-def load_ground_truth(path: Path, recording: Recording) -> StampedPoses:
+def load_ground_truth(
+    path: Path, recording: Recording, calibration: Path | None = None
+) -> StampedPoses:
     """Poses of the ground truth, checked to share time with the recording."""
-    poses = load_poses(path, recording.rig)
+    beside = [place for place in (calibration, recording.path) if place is not None]
+    poses = load_poses(path, recording.rig, beside)
     end_ns = recording.stamp_ns(recording.duration)
     if poses.stamps_ns[-1] <= recording.start_ns or poses.stamps_ns[0] >= end_ns:
         raise InputError(

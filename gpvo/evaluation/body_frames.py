@@ -1,11 +1,12 @@
 """Ground truths of other bodies than the camera: how they carry the left event camera.
 
 DSEC's poses are the lidar's, TUM-VIE's and VECtor's those of a motion-capture body. The chain to
-the camera stands in calibration files, which are looked for beside the poses.
+the camera stands in calibration files, which are looked for beside the recording and the poses.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,9 @@ VECTOR = ("*joint_camera_extrinsic*.yaml", "camera_mocap_extrinsic*.yaml")
 FOLDERS_ABOVE = 2
 
 
-def body_to_left(poses: Path, rig: StereoRig | None) -> Transform | None:
+def body_to_left(
+    poses: Path, rig: StereoRig | None, beside: Sequence[Path] = ()
+) -> Transform | None:
     """T_body_left (4, 4) of the rectified left camera, or None without calibration files.
 
     Parameters
@@ -34,18 +37,21 @@ def body_to_left(poses: Path, rig: StereoRig | None) -> Transform | None:
         File of the ground truth, known by its name: estimates may lie beside it, too.
     rig
         For its rectification; DSEC's is in its own files.
+    beside
+        Where to look before the folder of the poses: a calibration file, the recording.
 
     Raises
     ------
     InputError
         If calibration files are there but cannot be used.
     """
-    if poses.name == "pose.bag" and (files := _beside(poses, DSEC)):
+    places = [*beside, poses]
+    if poses.name == "pose.bag" and (files := _find(places, DSEC)):
         return lidar_to_left(*_load(files))
-    if poses.name == "mocap_data.txt" and (files := _beside(poses, TUM_VIE)):
+    if poses.name == "mocap_data.txt" and (files := _find(places, TUM_VIE)):
         camera, mocap = _load(files)
         T_body_raw = np.linalg.inv(imu_to_marker(mocap)) @ imu_to_left(camera)
-    elif poses.name.endswith(".gt.txt") and (files := _beside(poses, VECTOR)):
+    elif poses.name.endswith(".gt.txt") and (files := _find(places, VECTOR)):
         T_body_raw = _vector_body_to_raw(*_load(files))
     else:
         return None
@@ -75,15 +81,27 @@ def _load(files: list[Path]) -> tuple[Fields, Fields]:
     return first, second
 
 
-def _beside(poses: Path, patterns: tuple[str, ...]) -> list[Path]:
-    """One file for each pattern, in the folder of the poses or one above; empty if one lacks."""
-    folder = poses.absolute().parent
-    for place in (folder, *folder.parents[:FOLDERS_ABOVE]):
-        for where in (place, *sorted(place.glob("*calibration"))):
-            found = [sorted(where.glob(pattern)) for pattern in patterns]
-            if all(len(files) == 1 for files in found):
-                return [files[0] for files in found]
-            if all(found):
-                names = ", ".join(file.name for files in found for file in files)
-                raise InputError(f"{where}: holds several calibrations ({names}); keep one set")
+def _find(places: list[Path], patterns: tuple[str, ...]) -> list[Path]:
+    """One file for each pattern, in the nearest folder that has them; empty if none has."""
+    for place in places:
+        folder = place.absolute() if place.is_dir() else place.absolute().parent
+        for near in (folder, *folder.parents[:FOLDERS_ABOVE]):
+            if files := _in_folder(near, patterns):
+                return files
     return []
+
+
+def _in_folder(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
+    """The same in a folder or one of its folders of calibrations."""
+    found: list[list[Path]] = [[] for _ in patterns]
+    for where in (folder, *sorted(folder.glob("*calibration"))):
+        for files, pattern in zip(found, patterns, strict=True):
+            files += sorted(where.glob(pattern))
+    if not all(found):
+        return []
+    if any(len(files) > 1 for files in found):
+        names = ", ".join(str(file.relative_to(folder)) for files in found for file in files)
+        raise InputError(
+            f"{folder}: holds several calibrations ({names}); give the right one with --calibration"
+        )
+    return [file for (file,) in found]

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from rich.console import Console
 
-from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
 from gpvo.evaluation.comparison import Comparison, compare
 from gpvo.evaluation.protocol import Contender, Protocol
@@ -22,7 +21,7 @@ def evaluate_command(
     against: Sequence[str] = (),
     output: Path | None = None,
     protocol: Protocol | None = None,
-    rig: StereoRig | None = None,
+    calibration: Path | None = None,
     console: Console | None = None,
 ) -> list[Comparison]:
     """Compare estimates with their ground truth, print the tables and write a report.
@@ -37,8 +36,8 @@ def evaluate_command(
         Folder for the report; nothing is written without it.
     protocol
         How to compare.
-    rig
-        Calibration, for ground truths of the raw camera (MVSEC).
+    calibration
+        For ground truths of the raw camera (MVSEC) or of another body (DSEC, TUM-VIE, VECtor).
     console
         Where to print; the terminal by default.
 
@@ -51,7 +50,7 @@ def evaluate_command(
     competitors = dict(parse_competitor(text) for text in against)
     comparisons = []
     for sources in find_sources(estimate, ground_truth, competitors):
-        contenders = load_contenders(sources, rig, at_competitor=bool(competitors))
+        contenders = load_contenders(sources, calibration, at_competitor=bool(competitors))
         comparisons.append(compare(sources.name, contenders, protocol))
         print_comparison(comparisons[-1], console)
     if output is not None:
@@ -71,10 +70,10 @@ def parse_competitor(text: str) -> tuple[str, Path]:
 
 
 def load_contenders(
-    sources: SequenceSources, rig: StereoRig | None, at_competitor: bool
+    sources: SequenceSources, calibration: Path | None, at_competitor: bool
 ) -> list[Contender]:
     """Read the poses; with competitors, the first estimate is asked at the first one's states."""
-    contenders = [Contender(source.name, *source.load(rig)) for source in sources.estimates]
+    contenders = [Contender(one.name, *one.load(calibration)) for one in sources.estimates]
     return at_states_of_competitor(contenders) if at_competitor else contenders
 
 

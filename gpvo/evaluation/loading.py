@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import h5py
@@ -35,7 +35,9 @@ TRAJECTORY_NAMES = ("trajectory.npz", "trajectory.tum", "stamped_traj_estimate.t
 """What `gpvo run` and rpg_trajectory_evaluation call the estimate in a folder, best first."""
 
 
-def load_poses(path: Path | str, rig: StereoRig | None = None) -> StampedPoses:
+def load_poses(
+    path: Path | str, rig: StereoRig | None = None, beside: Sequence[Path] = ()
+) -> StampedPoses:
     """Read poses; the format is found from what the file holds.
 
     Parameters
@@ -47,13 +49,16 @@ def load_poses(path: Path | str, rig: StereoRig | None = None) -> StampedPoses:
     rig
         Calibration; needed for MVSEC, whose poses are those of the raw left camera, and for
         TUM-VIE and VECtor, whose poses are those of a body.
+    beside
+        Calibration file, recording: where the files that tell the chain from a body to the camera
+        are looked for before the folder of the poses.
 
     Returns
     -------
     StampedPoses
         T_world_cam as the file holds it; for MVSEC, of the rectified left camera, and so for
-        DSEC, TUM-VIE and VECtor where the calibration files that tell the chain lie beside the
-        poses. A continuous trajectory gives `ContinuousPoses`.
+        DSEC, TUM-VIE and VECtor where the calibration files that tell the chain are found. A
+        continuous trajectory gives `ContinuousPoses`.
 
     Raises
     ------
@@ -68,10 +73,10 @@ def load_poses(path: Path | str, rig: StereoRig | None = None) -> StampedPoses:
     if h5py.is_hdf5(file):
         return read_mvsec_poses(file, rig)
     if not (file.is_dir() or file.suffix in (".bag", ".db3", ".mcap")):
-        return _of_left_camera(read_text_poses(file), file, rig)
+        return _of_left_camera(read_text_poses(file), file, rig, beside)
     if topic is None and file.name.endswith("_gt.bag") and MVSEC_TOPIC in _topics(file):
         return _rectified(read_pose_bag(file, MVSEC_TOPIC), rig, file)
-    return _of_left_camera(read_pose_bag(file, topic), file, rig)
+    return _of_left_camera(read_pose_bag(file, topic), file, rig, beside)
 
 
 def _topics(file: Path) -> Collection[str]:
@@ -79,9 +84,11 @@ def _topics(file: Path) -> Collection[str]:
     return RosBag1(file).topics if is_rosbag1(file) else ()
 
 
-def _of_left_camera(poses: StampedPoses, file: Path, rig: StereoRig | None) -> StampedPoses:
+def _of_left_camera(
+    poses: StampedPoses, file: Path, rig: StereoRig | None, beside: Sequence[Path]
+) -> StampedPoses:
     """Poses of the left camera, given those of the body that a dataset tracks."""
-    T_body_left = body_to_left(file, rig)
+    T_body_left = body_to_left(file, rig, beside)
     return poses if T_body_left is None else poses.seen_from(T_body_left)
 
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
 from gpvo.evaluation.loading import TRAJECTORY_NAMES, load_poses, split_topic
 from gpvo.poses import StampedPoses
+from gpvo.recordings.calibrations import read_calibration
 
 GROUND_TRUTH_NAMES = ("ground_truth.tum", "stamped_groundtruth.txt")
 """What `gpvo run` and rpg_trajectory_evaluation call the ground truth in a folder."""
@@ -23,9 +23,12 @@ class Source:
     estimate: Path
     ground_truth: Path
 
-    def load(self, rig: StereoRig | None = None) -> tuple[StampedPoses, StampedPoses]:
+    def load(self, calibration: Path | None = None) -> tuple[StampedPoses, StampedPoses]:
         """Poses of the estimate and of the ground truth."""
-        return load_poses(self.estimate, rig), load_poses(self.ground_truth, rig)
+        rig = read_calibration(calibration) if calibration else None
+        beside = [calibration] if calibration else []
+        truth = load_poses(self.ground_truth, rig, beside)
+        return load_poses(self.estimate, rig, beside), truth
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,14 @@ import numpy as np
 import pytest
 import yaml
 from rich.console import Console
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 from benchmarks.dsec import main
 from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
+from gpvo.poses import StampedPoses, rigid_transforms
 from gpvo.recordings.base import Events
 from gpvo.simulation.recording import SimulatedRecording
 from gpvo.tum import write_tum
@@ -55,6 +59,29 @@ def write_calibration(path: Path, rig: StereoRig) -> None:
     path.write_text(yaml.safe_dump(content))
 
 
+T_LIDAR_LEFT = rigid_transforms(
+    Rotation.from_rotvec([[1.1, -1.0, 1.2]]).as_matrix(), np.array([[0.1, -0.05, 0.2]])
+)[0]
+
+
+def write_lidar_odometry(path: Path, truth: StampedPoses) -> None:
+    """The pose bag of a lidar that the left camera is fixed to, from 10 Hz poses."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    names = ("PoseStamped", "Pose", "Point", "Quaternion")
+    stamped, pose, point, quaternion = (store.types[f"geometry_msgs/msg/{name}"] for name in names)
+    header = store.types["std_msgs/msg/Header"]
+    time = store.types["builtin_interfaces/msg/Time"]
+    lidar = truth.seen_from(np.linalg.inv(T_LIDAR_LEFT))[::8]
+    path.parent.mkdir(parents=True)
+    with Writer(path) as bag:
+        connection = bag.add_connection("/pose", stamped.__msgtype__, typestore=store)
+        for stamp, T in zip(lidar.stamps_ns, lidar.T_world_cam, strict=True):
+            turn = quaternion(*Rotation.from_matrix(T[:3, :3]).as_quat())
+            head = header(seq=0, stamp=time(*divmod(int(stamp), 10**9)), frame_id="map")
+            message = stamped(head, pose(point(*T[:3, 3]), turn))
+            bag.write(connection, int(stamp), store.serialize_ros1(message, stamped.__msgtype__))
+
+
 @pytest.fixture
 def data(recording: SimulatedRecording, tmp_path: Path) -> Path:
     """A folder like DSEC's, with trajectories and a sparse ground truth beside it."""
@@ -80,6 +107,24 @@ def test_tables_from_files_in_dsecs_layout(data: Path, config_file: Path) -> Non
     assert outcome.run.cost.events > 10_000
     for word in ("ESVIO_AA (published)", "3.7400 m", "1.0800 m", "body offset removed"):
         assert word in " ".join(text.getvalue().split())
+
+
+def test_truth_from_the_odometry_of_a_lidar(
+    recording: SimulatedRecording, data: Path, config_file: Path
+) -> None:
+    """Named as where such poses are published, and turned into those of the left event camera."""
+    write_lidar_odometry(data / "dsec/zurich_city_04-odometry/pose.bag", recording.ground_truth)
+    options = ["--data", str(data / "dsec"), "--config", str(config_file)]
+    with pytest.raises(InputError, match=r"holds no cam_to_lidar\.yaml; put"):
+        main(options)
+    lidar = {"T_lidar_camRect1": T_LIDAR_LEFT.tolist()}
+    path = data / "dsec/train" / NAME / "calibration/cam_to_lidar.yaml"
+    path.write_text(yaml.safe_dump(lidar))
+    (outcome,) = main(options, Console(file=StringIO()))
+    (ours,) = outcome.comparison.evaluations
+    truth = recording.ground_truth.interpolate(ours.ground_truth.stamps_ns)
+    np.testing.assert_allclose(ours.ground_truth.T_world_cam, truth.T_world_cam, atol=0.01)
+    assert ours.ate["se3"].translation.rmse < 0.05
 
 
 def test_what_is_missing_is_said(data: Path) -> None:

@@ -3,11 +3,9 @@
 import json
 import re
 from io import StringIO
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import yaml
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -183,14 +181,12 @@ def test_esvo_on_dsec_interpolated_as_published(shared):
 def test_esvo_on_room1_in_one_command(shared):
     """The two runs of ESVO against each other, every 0.01 s, with the README's numbers."""
     recordings, reference = shared / "recordings", shared / "reference" / "room1_indoor1"
-    camchain = yaml.safe_load((recordings / "camchain-imucam-indoor_flying.yaml").read_text())
-    R_rect = np.array(camchain["cam0"]["rectification_matrix"])
     (comparison,), _ = run(
         reference / "esvo_ros.txt",
         recordings / "room1_indoor1_gt.hdf5",
         against=[f"ESVO (offline)={reference / 'esvo_offline.txt'}"],
         protocol=Protocol(step=0.01),
-        rig=SimpleNamespace(left=SimpleNamespace(R_rect=R_rect)),
+        calibration=recordings / "camchain-imucam-indoor_flying.yaml",
     )
     errors = [one.global_error.statistics("translation") for one in comparison.evaluations]
     steps = [one.relative_error.statistics("se3") for one in comparison.evaluations]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,18 @@ def test_dsec_lidar(tmp_path: Path, rig: StereoRig) -> None:
     T_world_lidar = T_WORLD_LEFT @ np.linalg.inv(T_lidar_left)
     path = pose_bag(tmp_path / "pose.bag", {"/pose": T_world_lidar})
     assert_left_camera(load_poses(path))
+    # DSEC's sequences lie beside each other, and the poses of all of one drive apart.
+    (tmp_path / "zurich_city_04_a").mkdir()
+    (tmp_path / "calibration").rename(tmp_path / "zurich_city_04_a/calibration")
+    events = tmp_path / "zurich_city_04_a/events/left/events.h5"
+    (tmp_path / "zurich_city_04-odometry").mkdir()
+    path = path.rename(tmp_path / "zurich_city_04-odometry/pose.bag")
+    assert_left_camera(load_poses(path, beside=[events]))
+    shutil.copytree(tmp_path / "zurich_city_04_a/calibration", tmp_path / "04_a_calibration")
+    shutil.copytree(tmp_path / "zurich_city_04_a/calibration", tmp_path / "04_b_calibration")
+    with pytest.raises(InputError, match=r"04_b_calibration/cam_to_lidar\.yaml\); give the right"):
+        load_poses(path)
+    assert_left_camera(load_poses(path, beside=[tmp_path / "04_b_calibration/cam_to_cam.yaml"]))
 
 
 def test_bag_without_calibration_files_is_taken_as_it_is(tmp_path: Path) -> None:
