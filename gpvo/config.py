@@ -59,6 +59,20 @@ class KltConfig(StageConfig):
     row_tolerance: float = Field(
         1.5, gt=0, description="Largest row difference between left and right, pixels."
     )
+    min_correlation: float = Field(
+        0.5,
+        ge=-1,
+        le=1,
+        description="Least correlation between left and right in the middle of the patch, half its "
+        "side; -1 asks for none.",
+    )
+    min_row_gradient: float = Field(
+        16.0,
+        ge=0,
+        description="Least root mean square of the left image's gradient along the row in the same "
+        "middle, of 255 per pixel: a disparity is measured there, not at the patch's margins; 0 "
+        "asks for none.",
+    )
     anchor_tolerance: float = Field(
         1.0,
         gt=0,

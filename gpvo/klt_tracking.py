@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from gpvo.config import TrackingConfig
 from gpvo.features import extrema, strongest_spaced
 from gpvo.observations import Observations
+from gpvo.patch_checks import patch_correlation, row_gradient
 
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
@@ -137,14 +138,29 @@ class KltTracker:
         )
 
     def _is_stereo(self, frame: _Frame) -> Mask:
-        """Rows agree, the disparity is positive and both points lie in the image."""
+        """Rows agree, the disparity is positive, both points lie in the image and look alike."""
         height, width = frame.left_image.shape
         size = np.array([width, height])
         inside = ((frame.left >= 0) & (frame.left < size)).all(axis=1)
         inside &= ((frame.right >= 0) & (frame.right < size)).all(axis=1)
         row_difference = np.abs(frame.left[:, 1] - frame.right[:, 1])
         positive = frame.left[:, 0] > frame.right[:, 0]
-        return inside & positive & (row_difference < self._config.row_tolerance)
+        close = row_difference < self._config.row_tolerance
+        return inside & positive & close & self._is_similar(frame)
+
+    def _is_similar(self, frame: _Frame) -> Mask:
+        """The middle of the patch looks alike in both images, and not so if moved along the row.
+
+        The whole patch finds its match by contours at its margins, too, that may be of another
+        depth, be its middle nothing but noise.
+        """
+        radius = self._config.patch_size // 4
+        correlation = patch_correlation(
+            frame.left_image, frame.left, frame.right_image, frame.right, radius
+        )
+        gradient = row_gradient(frame.left_image, frame.left, radius)
+        distinct = gradient >= self._config.min_row_gradient
+        return distinct & (correlation >= self._config.min_correlation)
 
     def _match(
         self, source: Image, target: Image, points: Points, guess: Points | None = None

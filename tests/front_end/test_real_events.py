@@ -1,21 +1,29 @@
-"""Real left events of MVSEC indoor_flying1: the velocity is that of the motion capture.
+"""Real events: velocity against motion capture, stereo matches against measured disparity.
 
-The right events are semi-synthetic, made from the left ones and measured depth.
+Of MVSEC indoor_flying1 the left events are real, the right ones made of them and measured depth. Of
+a box that moves past a stereo pair all are real.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from gpvo import Odometry, open_recording
-from gpvo.config import ClusteringConfig, Configuration, TrackletConfig
+from gpvo.clustering import StereoCluster, event_image
+from gpvo.config import ClusteringConfig, Configuration, TrackingConfig, TrackletConfig
+from gpvo.recordings.base import Events
+from gpvo.tracking import MultiResolutionTracker
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 SLICE = SHARED / "real" / "mvsec_indoor_flying1_slice" / "semi_synthetic_data.hdf5"
 CALIBRATION = SHARED / "recordings" / "camchain-imucam-indoor_flying.yaml"
+BOX = SHARED / "real" / "emp_stereo" / "box1.txt"
 ANGULAR, LINEAR = (0.014, 0.155, 0.018), (0.084, -0.087, -0.092)
 """Near the middle, rad/s and m/s, as the data's description gives them."""
 
@@ -32,3 +40,61 @@ def test_velocity_of_real_events() -> None:
     velocity = np.mean(middle, axis=0)
     assert np.linalg.norm(velocity[:3] - ANGULAR) < 0.03
     assert np.linalg.norm(velocity[3:] - LINEAR) < 0.05
+
+
+def box_clusters(window: float) -> Iterator[tuple[StereoCluster, NDArray[np.float64]]]:
+    """Clusters of rectified events and (N, 3) column, row and true disparity of the left ones."""
+    width, height = resolution = 240, 180
+    same = np.dstack(np.meshgrid(np.arange(width), np.arange(height))).astype(np.float32)
+    table = np.loadtxt(BOX)
+    table[:, 0] *= 1e-6
+    for start in np.arange(0, table[-1, 0], window):
+        now = table[(table[:, 0] >= start) & (table[:, 0] < start + window)]
+        sides = [now[now[:, 4] == side] for side in (0, 1)]
+        left, right = (
+            event_image(
+                Events(e[:, 1].astype(np.uint16), e[:, 2].astype(np.uint16), e[:, 0], e[:, 3] > 0),
+                same,
+                resolution,
+            )
+            for e in sides
+        )
+        yield StereoCluster(start, start + window, left, right), sides[0][:, [1, 2, 5]]
+
+
+def box_disparity_errors(tracking: TrackingConfig, window: float = 0.1) -> NDArray[np.float64]:
+    """Disparity less the true one, which is the median's of the events within seven pixels."""
+    tracker, errors = MultiResolutionTracker(tracking), [np.empty(0)]
+    for cluster, truth in box_clusters(window):
+        seen = tracker.track(cluster)
+        if len(truth) and len(seen):
+            around = cKDTree(truth[:, :2]).query_ball_point(seen.left, 7, p=np.inf)
+            true = [np.median(truth[near, 2]) if near else np.nan for near in around]
+            errors.append(seen.disparity - np.array(true))
+    joined = np.concatenate(errors)
+    return joined[np.isfinite(joined)]
+
+
+@pytest.mark.skipif(not BOX.exists(), reason=f"needs {BOX.name} of the shared data")
+def test_disparity_of_real_stereo_events() -> None:
+    """85 % of accepted matches within a pixel of the truth, none within one of 15 pixels beside it.
+
+    The truth itself is up to a pixel beside the disparity at which the events correlate best.
+    """
+    errors = box_disparity_errors(TrackingConfig())
+    assert len(errors) > 500 and (np.abs(errors) < 1).mean() >= 0.85
+    for wrong in (-15, 15):
+        assert (np.abs(errors - wrong) < 1).mean() < 0.01
+
+
+@pytest.mark.skipif(not BOX.exists(), reason=f"needs {BOX.name} of the shared data")
+@pytest.mark.parametrize("window", [0.05, 0.1])
+def test_checks_of_the_patch_find_the_faulty_matches(window: float) -> None:
+    unchecked = TrackingConfig.model_validate(
+        {"klt": {"min_correlation": -1, "min_row_gradient": 0}}
+    )
+    before, after = (
+        (np.abs(box_disparity_errors(tracking, window)) > 2).mean()
+        for tracking in (unchecked, TrackingConfig())
+    )
+    assert before > 0.02 and after < 0.005

@@ -1,0 +1,106 @@
+"""Correlation and gradient of patches by their definitions, and what they let through."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from front_end_scenes import MovingPlane, Texture, random_grey
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from gpvo.config import KltConfig, TrackingConfig
+from gpvo.klt_tracking import KltTracker, smooth
+from gpvo.observations import Observations
+from gpvo.patch_checks import patch_correlation, row_gradient
+
+RADIUS = 4
+FIRST, SECOND = (random_grey(seed, 60) for seed in (1, 2))
+PLANE = MovingPlane(Texture(7), np.array([0, 0, 0, 0.03, -0.02, 0]))
+
+
+def random_points(seed: int, count: int = 10) -> NDArray[np.float32]:
+    """Some of them beyond the border of the images."""
+    return np.random.default_rng(seed).uniform(-3, 63, (count, 2)).astype(np.float32)
+
+
+def sampled(image: NDArray, points: NDArray) -> NDArray[np.float64]:
+    """Bilinear patches (N, 81), the border repeated."""
+    dy, dx = np.mgrid[-RADIUS : RADIUS + 1, -RADIUS : RADIUS + 1]
+    u, v = (points[:, axis, None] + d.ravel() for axis, d in ((0, dx), (1, dy)))
+    return map_coordinates(image.astype(np.float64), [v, u], order=1, mode="nearest")
+
+
+@given(st.integers(0, 2**32))
+@settings(deadline=None, max_examples=20)
+def test_correlation_is_that_of_bilinear_samples(seed: int) -> None:
+    a, b = random_points(seed), random_points(seed + 1)
+    found = patch_correlation(FIRST, a, SECOND, b, RADIUS)
+    for x, y, correlation in zip(sampled(FIRST, a), sampled(SECOND, b), found, strict=True):
+        assert correlation == pytest.approx(np.corrcoef(x, y)[0, 1], abs=1e-6)
+
+
+@given(st.integers(0, 2**32), st.integers(1, 4), st.integers(0, 50))
+@settings(deadline=None, max_examples=20)
+def test_brightness_and_contrast_do_not_matter_to_correlation(
+    seed: int, gain: int, offset: int
+) -> None:
+    a, b, dim = random_points(seed), random_points(seed + 1), FIRST // 6
+    np.testing.assert_allclose(
+        patch_correlation(dim * gain + offset, a, SECOND, b, RADIUS),
+        patch_correlation(dim, a, SECOND, b, RADIUS),
+        atol=1e-9,
+    )
+
+
+def test_correlation_is_one_with_itself_minus_one_with_the_negative_none_with_a_blank() -> None:
+    points, blank = random_points(0), np.full_like(FIRST, 80)
+    same = patch_correlation(FIRST, points, FIRST, points, RADIUS)
+    negative = patch_correlation(FIRST, points, 255 - FIRST, points, RADIUS)
+    np.testing.assert_allclose([same, -negative], 1, atol=1e-9)
+    assert not patch_correlation(FIRST, points, blank, points, RADIUS).any()
+
+
+@given(st.integers(0, 2**32))
+@settings(deadline=None, max_examples=20)
+def test_row_gradient_is_the_central_difference(seed: int) -> None:
+    points = np.random.default_rng(seed).uniform(5, 54, (10, 2)).astype(np.float32)
+    wide = FIRST.astype(np.float64)
+    difference = (np.roll(wide, -1, axis=1) - np.roll(wide, 1, axis=1)) / 2
+    mean_square = (sampled(difference**2, np.rint(points))).mean(axis=1)
+    np.testing.assert_allclose(row_gradient(FIRST, points, RADIUS), np.sqrt(mean_square), rtol=1e-4)
+
+
+@pytest.mark.parametrize("slope", [0, 1, 3])
+def test_row_gradient_is_the_slope_along_the_row(slope: int) -> None:
+    v, u = np.mgrid[0:60, 0:80]
+    ramp = (slope * u + 255 * (v % 2) * (slope == 0)).astype(np.uint8)
+    points = np.random.default_rng(0).uniform(6, 53, (20, 2)).astype(np.float32)
+    np.testing.assert_allclose(row_gradient(ramp, points, RADIUS), slope, atol=1e-6)
+
+
+def tracked(**fields: float) -> Observations:
+    config = KltConfig.model_validate({"max_features": 500, **fields})
+    tracker = KltTracker(TrackingConfig(klt=config))
+    return Observations.concatenate([tracker.track(*PLANE.images(k)) for k in range(2)])
+
+
+@pytest.mark.parametrize("check", ["min_correlation", "min_row_gradient"])
+def test_no_match_is_below_what_is_asked(check: str) -> None:
+    """Of the plane's matches some are; not asked, some stay."""
+    none = {"min_correlation": -1.0, "min_row_gradient": 0.0}
+    radius, least = KltConfig().patch_size // 4, []
+    for limit in (none[check], {"min_correlation": 0.9, "min_row_gradient": 40.0}[check]):
+        seen, scores = tracked(**{**none, check: limit}), []
+        for frame in range(2):
+            left, right = (smooth(image, KltConfig().smoothing) for image in PLANE.images(frame))
+            now = seen.frame == frame
+            a, b = (side[now].astype(np.float32) for side in (seen.left, seen.right))
+            if check == "min_correlation":
+                scores.append(patch_correlation(left, a, right, b, radius))
+            else:
+                scores.append(row_gradient(left, a, radius))
+        assert len(seen) > 50
+        least.append(np.concatenate(scores).min())
+    assert least[0] < limit <= least[1]
