@@ -15,6 +15,7 @@ from gpvo.covariance_knots import CovarianceKnots
 from gpvo.factor_graph import SAME_TIME
 from gpvo.gaussian import IndeterminateError
 from gpvo.initialization import start_states, velocity_ahead
+from gpvo.joining import joined
 from gpvo.lag_window import LagWindow, Sensor, new_times
 from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair, repairs_of, split_possible
@@ -49,6 +50,7 @@ class FixedLagSmoother:
         self._optimum: Optimum | None = None
         self._cluster_ends: deque[float] = deque(maxlen=config.window)
         self._final: list[States] = []
+        self._leaving = States()
         self._final_joint: list[Array] = []
         self._final_deviations: list[Deviations] = []
 
@@ -79,12 +81,18 @@ class FixedLagSmoother:
         """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
         if self._window is None:
             return None
-        states = States.concatenate([*self._final, self._window.states])
+        states = States.concatenate([*self._final, *self._left(), self._window.states])
         joint = [*self._final_joint, self._joint_covariances(len(self._window.states) - 1)]
         knots = CovarianceKnots(states.t, np.concatenate(joint))
         for deviations in self._deviations():
             states = deviations.merged(states)
         return Trajectory.of_states(states, knots, self._sensor.noise, start_ns)
+
+    def _left(self) -> list[States]:
+        """The states that left the window last, up to where it has its first state now."""
+        if self._window is None or len(self._leaving) == 0:
+            return []
+        return [joined(self._leaving, self._window.states[:1])[:-1]]
 
     def settled(self, after: float) -> States:
         """Key states later than `after` that will not change any more."""
@@ -145,7 +153,7 @@ class FixedLagSmoother:
         return replace(alone, states=window.states)
 
     def _restart(self, window: LagWindow, error: IndeterminateError) -> Repair:
-        first = sum(map(len, self._final))
+        first = sum(map(len, [*self._final, *self._left()]))
         state = min(error.column // 12, len(window.states) - 1)
         reason = "indeterminate: started anew from the window's measurements"
         return Repair(f"x{first + state}", float(window.states.t[state]), None, reason)
@@ -158,7 +166,8 @@ class FixedLagSmoother:
         full = len(ends) == ends.maxlen
         leaving = int(np.sum(self._window.states.t < ends[0] - SAME_TIME)) if full else 0
         if leaving:
-            self._final.append(self._window.states[:leaving])
+            self._final += self._left()
+            self._leaving = self._window.states[: leaving + 1]
             self._final_joint.append(self._joint_covariances(leaving))
             if self._sensor.config.state_interval == 0:
                 start = self._window.states.t[leaving]

@@ -24,6 +24,7 @@ from gpvo.factor_graph import (
     state_times,
 )
 from gpvo.initialization import start_states, velocity_ahead
+from gpvo.joining import joined
 from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
 from gpvo.robust import RobustLoss
@@ -210,8 +211,9 @@ class IncrementalSmoother:
             first += 1
         newest = states_of(estimate, range(first, len(self._states)), self._states.t[first:])
         self._check_landmarks(estimate, newest)
+        left = joined(self._states[self._first_active : first + 1], newest[:1])[:-1]
         self._active, self._first_active, self._solved = estimate, first, len(self._states)
-        self._states.replace_from(newest)
+        self._states.replace_from(States.concatenate([left, newest]))
 
     def _check_landmarks(self, estimate: gtsam.Values, states: States) -> None:
         """RuntimeError that names a landmark that is behind the camera where it was measured."""

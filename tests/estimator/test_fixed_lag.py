@@ -193,18 +193,22 @@ def test_key_times_differ_from_unique_times_by_far_less_than_a_percent_of_three_
 
 
 @pytest.mark.parametrize("interval", [0.0, 0.025])
-def test_final_states_join_those_of_the_window_without_jumps(interval: float) -> None:
-    """Whitened by the prior, steps over borders of the window are no larger than others."""
+@pytest.mark.parametrize("method", ["fixed_lag", "incremental"])
+def test_final_states_join_those_of_the_window_without_jumps(method: str, interval: float) -> None:
+    """What a step has beyond the mean twist is no larger over borders of the window than inside."""
     trajectory = estimate(
-        tracklets(clusters=14, per_cluster=10, noise=1.0), window=4, state_interval=interval
+        tracklets(clusters=14, per_cluster=10, noise=1.0),
+        method=method,
+        window=4,
+        state_interval=interval,
     )
     t = np.arange(trajectory.start, trajectory.stop, 0.0125)
     T, v = trajectory.pose(t), trajectory.velocity(t)
     step = se3_log(se3_inverse(T[:-1]) @ T[1:])
     jump = np.abs(step - 0.5 * np.diff(t)[:, None] * (v[:-1] + v[1:])).max(axis=1)
     border = np.min(np.abs(t[:-1, None] - PERIOD * np.arange(15)), axis=1) < 0.0125
-    assert jump[border].max() < 3 * jump[~border].max()
-    assert np.abs(np.diff(v, axis=0)).max() < 0.3
+    assert jump[border].max() < 1.1 * jump[~border].max()
+    assert np.abs(np.diff(v, axis=0)).max() < 0.1
 
 
 def test_a_landmark_that_cannot_be_is_dropped_and_told() -> None:
