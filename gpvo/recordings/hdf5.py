@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.errors import InputError
+from gpvo.recordings.gzip_chunks import unpacked_rows
 
 CHUNK_CACHE_BYTES = 1 << 24
 """Keeps the chunk of a bisection, or one that two blocks share, from being unpacked twice."""
@@ -46,12 +47,16 @@ def read_column(
     dataset: h5py.Dataset, column: int, first_row: int, stop_row: int
 ) -> NDArray[np.float64]:
     """Rows first_row to stop_row - 1 of one column, float64; InputError if they are damaged."""
-    return np.asarray(_read(dataset, (slice(first_row, stop_row), column)), np.float64)
+    found = unpacked_rows(dataset, first_row, stop_row, column)
+    if found is None:
+        found = _read(dataset, (slice(first_row, stop_row), column))
+    return np.asarray(found, np.float64)
 
 
 def read_rows(dataset: h5py.Dataset, first_row: int, stop_row: int) -> NDArray[Any]:
     """Rows first_row to stop_row - 1 of a column of its own; InputError if they are damaged."""
-    return np.asarray(_read(dataset, (slice(first_row, stop_row),)))
+    found = unpacked_rows(dataset, first_row, stop_row)
+    return np.asarray(_read(dataset, (slice(first_row, stop_row),))) if found is None else found
 
 
 def _read(dataset: h5py.Dataset, selection: tuple[Any, ...]) -> Any:
