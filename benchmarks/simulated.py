@@ -148,12 +148,13 @@ def main(
     cases = chosen(all_cases() if suite is None else suite, options.cases)
     if options.duration is not None:
         cases = [case.shorter(options.duration) for case in cases]
-    earlier = read_summary(options.against) if options.against else []
+    simulations = {case.name: case.config.model_dump(mode="json") for case in cases}
+    earlier = read_summary(options.against, simulations) if options.against else []
     configuration = configuration_of(options)
     with workers(options.jobs, options.scheduler) as executor:
         results = run_suite(cases, range(options.seeds), configuration, executor, console)
     tables = [summary_table(results)]
-    if earlier:
+    if options.against:
         tables.append(comparison_table(results, earlier))
     costs = [result.cost for result in results if result.cost is not None]
     if costs:
@@ -165,7 +166,7 @@ def main(
         facts = {
             "machine": machine(),
             "configuration": configuration.model_dump(mode="json"),
-            "simulations": {case.name: case.config.model_dump(mode="json") for case in cases},
+            "simulations": simulations,
         }
         write(options.output, results, earlier, tables, facts)
     return results

@@ -121,7 +121,9 @@ def comparison_table(results: Sequence[CaseResult], earlier: Sequence[CaseResult
         pairs = ((values(results, case, one), values(earlier, case, one), one) for one in METRICS)
         rows.append((Cell(case), *(Cell(change_text(*pair)) for pair in pairs)))
     headings = ("case", *(metric.heading for metric in METRICS))
-    return ResultTable("Compared with the earlier summary", headings, tuple(rows))
+    return ResultTable(
+        "Compared with the earlier summary of the same recordings", headings, tuple(rows)
+    )
 
 
 def change_text(now: Mapping[int, float], then: Mapping[int, float], metric: Metric) -> str:
@@ -152,8 +154,14 @@ def _plain(value: object) -> object:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def read_summary(path: Path) -> list[CaseResult]:
+def read_summary(path: Path, simulations: Mapping[str, Any] | None = None) -> list[CaseResult]:
     """Results of an earlier summary.
+
+    Parameters
+    ----------
+    simulations
+        Fields of the simulation of every case, as in the summary; results of cases that were
+        simulated otherwise then are left out.
 
     Raises
     ------
@@ -161,8 +169,12 @@ def read_summary(path: Path) -> list[CaseResult]:
         If the file is not a summary.
     """
     try:
-        rows = json.loads(path.read_text(encoding="utf-8"))["results"]
-        return [_result(row) for row in rows]
+        summary = json.loads(path.read_text(encoding="utf-8"))
+        results = [_result(row) for row in summary["results"]]
+        if simulations is None:
+            return results
+        then = summary["simulations"]
+        return [one for one in results if simulations.get(one.case) == then[one.case]]
     except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: is no summary of benchmarks.simulated ({error})") from error
 

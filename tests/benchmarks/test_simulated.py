@@ -69,6 +69,9 @@ def test_a_run_leaves_a_summary_a_table_and_a_plot(first) -> None:
     assert summary["configuration"]["estimator"]["state_interval"] == 0.02
     assert repr(read_summary(folder / "summary.json")) == repr(results)
     assert summary["results"][0]["cost"]["stages"]["tracking"] > 0.0
+    shorter = summary["simulations"]["small"] | {"duration": 0.4}
+    (kept,) = read_summary(folder / "summary.json", summary["simulations"] | {"small": shorter})
+    assert kept.case == "still"
     text = (folder / "tables.md").read_text()
     assert "| small |" in text and "| peak memory |" in text
     assert (folder / "simulated.png").read_bytes().startswith(b"\x89PNG")
