@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -18,10 +17,9 @@ from gpvo.configuration_file import load_configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.command import at_states_of_competitor, print_comparison
 from gpvo.evaluation.comparison import Comparison, compare
-from gpvo.evaluation.cost import cost_table, machine
+from gpvo.evaluation.cost import write_cost
 from gpvo.evaluation.loading import load_poses
 from gpvo.evaluation.protocol import Contender, Protocol
-from gpvo.evaluation.table_formats import to_rich
 from gpvo.evaluation.tables import ErrorRow
 from gpvo.poses import seconds_text
 from gpvo.recordings import Recording, open_recording
@@ -85,9 +83,6 @@ def run_benchmark(
     for sequence in sequences:
         outcomes.append(run_sequence(sequence, configuration, options.trajectories, protocol))
         print_comparison(outcomes[-1].comparison, console)
-    costs = {outcome.comparison.sequence: outcome.run.cost for outcome in outcomes}
-    console.print(to_rich(cost_table(costs)))
-    console.print(machine_text(), style="dim", highlight=False)
     if options.output is not None:
         write_outcomes(options.output, outcomes)
         console.print(f"report: {options.output / 'report.html'}")
@@ -118,7 +113,8 @@ def run_sequence(
         for name, path in find_trajectories(trajectories, sequence.name).items()
     ]
     run = run_odometry(recording, configuration, *span)
-    contenders = at_states_of_competitor([Contender("gpvo", run.poses, truth), *others])
+    ours = Contender("gpvo", run.poses, truth, cost=run.cost)
+    contenders = at_states_of_competitor([ours, *others])
     return Outcome(compare(sequence.name, contenders, protocol, sequence.published), run)
 
 
@@ -138,25 +134,14 @@ def seconds_of(span_ns: tuple[int, int] | None, recording: Recording) -> tuple[f
 
 
 def write_outcomes(folder: Path, outcomes: Sequence[Outcome]) -> None:
-    """Write the report, every trajectory and cost.json."""
+    """Write the report, and every trajectory with its cost."""
     from gpvo.evaluation.report import write_report  # matplotlib is slow to import
 
     write_report(folder, [outcome.comparison for outcome in outcomes])
     for outcome in outcomes:
-        outcome.run.trajectory.save(folder / outcome.comparison.sequence / "trajectory.npz")
-    costs = {outcome.comparison.sequence: outcome.run.cost.to_dict() for outcome in outcomes}
-    text = json.dumps({"machine": machine(), "costs": costs}, indent=2)
-    (folder / "cost.json").write_text(text + "\n", encoding="utf-8")
-
-
-def machine_text() -> str:
-    """Processor, cores and versions in one line."""
-    facts = machine()
-    packages = ", ".join(f"{name} {version}" for name, version in facts["packages"].items())
-    return (
-        f"{facts['processor']}, {facts['cores']} cores, {facts['system']},"
-        f" Python {facts['python']}, {packages}; compilation and reading included"
-    )
+        place = folder / outcome.comparison.sequence
+        outcome.run.trajectory.save(place / "trajectory.npz")
+        write_cost(place, outcome.run.cost)
 
 
 def exit_with(main: Callable[[], object]) -> None:

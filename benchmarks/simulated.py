@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from benchmarks.dataset import configuration_of, exit_with, machine_text
+from benchmarks.dataset import configuration_of, exit_with
 from benchmarks.run import run_odometry
 from benchmarks.simulated_cases import Case, all_cases
 from benchmarks.simulated_summary import (
@@ -31,7 +31,8 @@ from benchmarks.simulated_summary import (
 from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation import evaluate
-from gpvo.evaluation.cost import cost_table, machine, total_cost
+from gpvo.evaluation.cost import cost_table, total_cost
+from gpvo.evaluation.machine import machine_text
 from gpvo.evaluation.table_formats import to_markdown, to_rich
 from gpvo.evaluation.tables import ResultTable
 
@@ -161,10 +162,10 @@ def main(
         tables.append(cost_table({"all runs": total_cost(costs)}))
     for table in tables:
         console.print(to_rich(table))
-    console.print(machine_text(), style="dim", highlight=False)
+    for text in dict.fromkeys(machine_text(cost.machine) for cost in costs):
+        console.print(f"{text}; compilation and reading included", style="dim", highlight=False)
     if options.output is not None:
         facts = {
-            "machine": machine(),
             "configuration": configuration.model_dump(mode="json"),
             "simulations": simulations,
         }

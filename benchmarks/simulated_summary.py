@@ -144,7 +144,7 @@ def change_text(now: Mapping[int, float], then: Mapping[int, float], metric: Met
 
 
 def write_summary(path: Path, results: Sequence[CaseResult], facts: Mapping[str, Any]) -> None:
-    """Write all results and what they were made with (machine, configuration)."""
+    """Write all results and what they were made with (configuration, simulations)."""
     rows = [{name: _plain(value) for name, value in asdict(result).items()} for result in results]
     text = json.dumps({**facts, "results": rows}, indent=2)
     path.write_text(text + "\n", encoding="utf-8")

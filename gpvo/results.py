@@ -15,6 +15,7 @@ from gpvo.configuration_file import configuration_text
 from gpvo.errors import InputError
 from gpvo.evaluation import Evaluation, evaluate
 from gpvo.evaluation.association import common_part
+from gpvo.evaluation.cost import COST_FILE
 from gpvo.evaluation.evaluate import common_stamps
 from gpvo.evaluation.plots import error_figure, path_figure, save_figure, series_figure
 from gpvo.evaluation.stretches import weak_stretches
@@ -33,6 +34,7 @@ FILES = (
     "path.png",
     "error.png",
     "tracklets.png",
+    COST_FILE,
 )
 STEP = 0.01
 """Seconds between the poses that are compared with the ground truth."""

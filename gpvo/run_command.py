@@ -9,8 +9,9 @@ from rich.console import Console
 
 from gpvo.config import Configuration
 from gpvo.errors import InputError
-from gpvo.evaluation.cost import CostMeter, cost_table
+from gpvo.evaluation.cost import CostMeter, cost_table, write_cost
 from gpvo.evaluation.loading import load_poses
+from gpvo.evaluation.machine import machine_text
 from gpvo.evaluation.table_formats import to_rich
 from gpvo.live_file import LiveFile
 from gpvo.odometry import ClusterReport, Odometry
@@ -58,8 +59,10 @@ def run_and_write(
     repairs = odometry.estimator.repairs
     result = Result(trajectory, odometry.reports, repairs, configuration, evaluation, truth)
     result.write(folder)
+    write_cost(folder, cost)
     console.print(result.table())
     console.print(to_rich(cost_table({"gpvo": cost})))
+    console.print(machine_text(cost.machine), style="dim", highlight=False)
     if evaluation is not None:
         console.print(evaluation)
     console.print(f"results: {folder}")

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from gpvo.errors import InputError
 from gpvo.evaluation.comparison import Comparison, compare
+from gpvo.evaluation.cost import read_cost
 from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.sources import SequenceSources, find_sources
 from gpvo.evaluation.table_formats import to_rich
@@ -73,7 +74,10 @@ def load_contenders(
     sources: SequenceSources, calibration: Path | None, at_competitor: bool
 ) -> list[Contender]:
     """Read the poses; with competitors, the first estimate is asked at the first one's states."""
-    contenders = [Contender(one.name, *one.load(calibration)) for one in sources.estimates]
+    contenders = [
+        Contender(one.name, *one.load(calibration), cost=read_cost(one.estimate))
+        for one in sources.estimates
+    ]
     return at_states_of_competitor(contenders) if at_competitor else contenders
 
 
@@ -100,4 +104,4 @@ def print_comparison(comparison: Comparison, console: Console) -> None:
         console.print(warning, style="yellow", markup=False, highlight=False)
     for name, offset in comparison.time_offsets.items():
         console.print(f"{name}: clock offset {1e3 * offset:.1f} ms removed", highlight=False)
-    console.print(comparison.conditions + "\n", style="dim", highlight=False)
+    console.print("\n".join(comparison.notes()) + "\n", style="dim", highlight=False)

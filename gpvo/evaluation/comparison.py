@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from factors.lie import se3_inverse
 from gpvo.evaluation.association import common_part
 from gpvo.evaluation.continuous import ContinuousPoses
+from gpvo.evaluation.cost import Cost, cost_table
 from gpvo.evaluation.evaluate import Evaluation, common_stamps, evaluate
+from gpvo.evaluation.machine import machine_text
 from gpvo.evaluation.offsets import find_body_offset, find_time_offset
 from gpvo.evaluation.protocol import STEP, Contender, Protocol
 from gpvo.evaluation.stretches import Stretch, weak_stretches
@@ -47,6 +49,8 @@ class Comparison:
         Where the estimate of interest had little to go by.
     published
         Rows of others without an estimate at hand, for the paper's tables.
+    costs
+        What the estimates cost, where that is known.
     """
 
     sequence: str
@@ -55,15 +59,26 @@ class Comparison:
     time_offsets: dict[str, float]
     stretches: list[Stretch] = field(default_factory=list)
     published: list[ErrorRow] = field(default_factory=list)
+    costs: dict[str, Cost] = field(default_factory=dict)
 
     def tables(self) -> list[ResultTable]:
-        """The paper's Tables I and II, and evo's numbers."""
+        """The paper's Tables I and II, evo's numbers, and what it cost."""
         rows = [*map(ErrorRow.of, self.evaluations), *self.published]
-        return [
+        tables = [
             global_error_table(rows, self.sequence),
             relative_error_table(rows, self.sequence),
             summary_table(self.evaluations, self.sequence),
         ]
+        return [*tables, cost_table(self.costs, self.sequence)] if self.costs else tables
+
+    def notes(self) -> list[str]:
+        """How the numbers were made, and on which machines."""
+        machines = [
+            f"Cost of {name}: {machine_text(cost.machine)}; compilation and reading included."
+            for name, cost in self.costs.items()
+            if cost.machine
+        ]
+        return [self.conditions, *machines]
 
     def warnings(self) -> list[str]:
         """What looks wrong."""
@@ -75,7 +90,7 @@ class Comparison:
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers by name."""
+        """All numbers by name; those of time spent are not among them."""
         return {
             "sequence": self.sequence,
             "conditions": self.conditions,
@@ -115,6 +130,7 @@ def compare(
         offsets,
         _stretches(contenders[0], offsets),
         list(published),
+        {one.name: one.cost for one in contenders if one.cost is not None},
     )
 
 

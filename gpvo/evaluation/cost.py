@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import os
-import platform
+import json
 import resource
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
-from importlib.metadata import PackageNotFoundError, version
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from gpvo.errors import InputError
+from gpvo.evaluation.machine import machine
 from gpvo.evaluation.tables import Cell, ResultTable
 
-PACKAGES = ("gpvo", "gtsam", "numpy", "numba", "scipy", "opencv-python-headless")
-"""Those whose version changes speed or result."""
+COST_FILE = "cost.json"
+"""In a result folder; the one file there that no two runs share."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,8 @@ class Cost:
         Largest resident memory of the process since it started.
     stages
         Elapsed seconds by stage.
+    machine
+        Where it was spent, see `machine`; empty if that is not known, or several.
     """
 
     recording_seconds: float
@@ -42,6 +44,7 @@ class Cost:
     cpu_seconds: float
     peak_memory_bytes: int
     stages: dict[str, float] = field(default_factory=dict)
+    machine: dict[str, Any] = field(default_factory=dict)
 
     @property
     def real_time_factor(self) -> float:
@@ -94,12 +97,14 @@ class CostMeter:
             cpu_seconds=time.process_time() - self._cpu,
             peak_memory_bytes=peak_memory_bytes(),
             stages=dict(self.stages),
+            machine=machine(),
         )
 
 
 def total_cost(costs: Iterable[Cost]) -> Cost:
     """Cost of several runs together; memory is that of the largest."""
     every = list(costs)
+    alike = all(cost.machine == every[0].machine for cost in every)
     stages = dict.fromkeys(stage for cost in every for stage in cost.stages)
     return Cost(
         recording_seconds=sum(cost.recording_seconds for cost in every),
@@ -108,7 +113,32 @@ def total_cost(costs: Iterable[Cost]) -> Cost:
         cpu_seconds=sum(cost.cpu_seconds for cost in every),
         peak_memory_bytes=max(cost.peak_memory_bytes for cost in every),
         stages={stage: sum(cost.stages.get(stage, 0.0) for cost in every) for stage in stages},
+        machine=every[0].machine if alike else {},
     )
+
+
+def write_cost(folder: Path, cost: Cost) -> None:
+    """Leave the cost of a result in its folder."""
+    (folder / COST_FILE).write_text(json.dumps(cost.to_dict(), indent=2) + "\n", encoding="utf-8")
+
+
+def read_cost(result: Path) -> Cost | None:
+    """Cost of a result folder, or of a trajectory file in it; None without one.
+
+    Raises
+    ------
+    InputError
+        If there is a file that holds no cost.
+    """
+    folder = result.parent if result.stem == "trajectory" else result
+    path = folder / COST_FILE
+    if not path.exists():
+        return None
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        return Cost(**{one.name: values[one.name] for one in fields(Cost)})
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: is no cost that gpvo run wrote; remove it") from error
 
 
 def peak_memory_bytes() -> int:
@@ -117,34 +147,7 @@ def peak_memory_bytes() -> int:
     return peak if sys.platform == "darwin" else 1024 * peak  # Linux counts kilobytes
 
 
-def machine() -> dict[str, Any]:
-    """Processor, cores, system, and versions of Python and of the packages that matter."""
-    return {
-        "processor": _processor(),
-        "cores": os.cpu_count(),
-        "system": f"{platform.system()} {platform.release()}",
-        "python": platform.python_version(),
-        "packages": {package: _version(package) for package in PACKAGES},
-    }
-
-
-def _processor() -> str:
-    information = Path("/proc/cpuinfo")
-    if information.exists():
-        for line in information.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
-
-
-def cost_table(costs: Mapping[str, Cost]) -> ResultTable:
+def cost_table(costs: Mapping[str, Cost], sequence: str = "") -> ResultTable:
     """Speed, processor time and memory, then every stage's speed and share of time.
 
     One column per result; a stage's speed is what it alone would reach, times real time.
@@ -153,7 +156,8 @@ def cost_table(costs: Mapping[str, Cost]) -> ResultTable:
     labels = ["speed", "events per second", "CPU s per recorded s", "peak memory", *stages]
     columns = [[*_totals(cost), *_stages(cost, stages)] for cost in costs.values()]
     rows = [tuple(map(Cell, entries)) for entries in zip(labels, *columns, strict=True)]
-    return ResultTable("Cost", ("", *costs), tuple(rows), group=len(rows))
+    title = f"{sequence}: cost" if sequence else "Cost"
+    return ResultTable(title, ("", *costs), tuple(rows), group=len(rows))
 
 
 def _totals(cost: Cost) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 from gpvo.errors import InputError
 from gpvo.evaluation.association import associate, resample, tolerance_for
 from gpvo.evaluation.continuous import ContinuousPoses
+from gpvo.evaluation.cost import Cost
 from gpvo.evaluation.evaluate import Interpolation
 from gpvo.evaluation.paper import FrameTransform
 from gpvo.poses import StampedPoses
@@ -110,6 +111,7 @@ class Contender:
     estimate: StampedPoses
     ground_truth: StampedPoses
     at_states_of: Contender | None = None
+    cost: Cost | None = None
 
     @property
     def continuous(self) -> bool:

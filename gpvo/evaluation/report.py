@@ -72,7 +72,7 @@ def _joined(parts: Sequence[StampedPoses]) -> StampedPoses:
 
 def _html_section(comparison: Comparison, images: dict[str, bytes]) -> str:
     tables = "\n".join(map(to_html, comparison.tables()))
-    notes = [comparison.conditions, *comparison.warnings()]
+    notes = [*comparison.notes(), *comparison.warnings()]
     note = "\n".join(f'<p class="note">{escape(text)}</p>' for text in notes)
     figures = "\n".join(_html_image(name, image) for name, image in images.items())
     return f"<h2>{escape(comparison.sequence)}</h2>\n{tables}\n{note}\n{figures}"

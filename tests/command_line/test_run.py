@@ -64,7 +64,7 @@ def result(recording: RecordingFiles, tmp_path_factory: pytest.TempPathFactory) 
 
 
 def test_all_files_are_written(result: Path) -> None:
-    assert {path.name for path in result.iterdir()} == FILES
+    assert {path.name for path in result.iterdir()} == {*FILES, "cost.json"}
     for picture in result.glob("*.png"):
         assert cv2.imread(str(picture)) is not None
 

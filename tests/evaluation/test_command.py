@@ -15,6 +15,7 @@ from gpvo.errors import InputError
 from gpvo.evaluation.command import evaluate_command, parse_competitor
 from gpvo.evaluation.comparison import compare
 from gpvo.evaluation.continuous import ContinuousPoses
+from gpvo.evaluation.cost import CostMeter, write_cost
 from gpvo.evaluation.gp_interpolation import most_probable_velocities
 from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.sources import find_sources
@@ -57,6 +58,20 @@ def test_a_result_against_a_competitor(sequence):
     numbers = json.loads((sequence / "report" / "metrics.json").read_text())
     assert [one["name"] for one in numbers[0]["estimates"]] == ["gpvo", "ESVO"]
     assert numbers[0]["estimates"][0] == ours.to_dict()
+
+
+def test_the_cost_of_a_result_stands_beside_its_errors(sequence):
+    cost = CostMeter({"tracking": 0.1}).total(recording_seconds=10.0, events=1000)
+    write_cost(sequence / "results", cost)
+    competitor = [f"ESVO={sequence / 'esvo.txt'}"]
+    report = sequence / "report"
+    (comparison,), text = run(
+        sequence / "results", sequence / "truth.txt", against=competitor, output=report
+    )
+    assert comparison.costs == {"gpvo": cost}
+    assert "100.00 x" in text and "events per second" in text and "Cost of gpvo: " in text
+    assert "peak memory" in (report / "tables.tex").read_text()
+    assert "wall_seconds" not in (report / "metrics.json").read_text()
 
 
 def test_the_report_is_whole_and_reproducible(sequence):

@@ -2,11 +2,22 @@
 
 import json
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from gpvo.evaluation.cost import Cost, CostMeter, cost_table, machine, peak_memory_bytes, total_cost
+from gpvo.errors import InputError
+from gpvo.evaluation.cost import (
+    Cost,
+    CostMeter,
+    cost_table,
+    peak_memory_bytes,
+    read_cost,
+    total_cost,
+    write_cost,
+)
+from gpvo.evaluation.machine import machine, machine_text
 
 
 def test_stages_add_up_within_the_total():
@@ -42,6 +53,9 @@ def test_costs_of_several_runs_add_up():
     stages = {"tracking": 3.0, "estimation": 9.0}
     assert total_cost([one, other]) == Cost(15.0, 5_000_000, 25.0, 20.0, 2**30, stages)
     assert total_cost([one]) == one
+    here = replace(one, machine={"cores": 2})
+    assert total_cost([here, here]).machine == {"cores": 2}
+    assert total_cost([here, other]).machine == {}
 
 
 def test_peak_memory_is_in_bytes():
@@ -56,3 +70,16 @@ def test_the_machine_names_what_matters():
     assert facts["processor"]
     assert facts["cores"] >= 1
     assert facts["packages"]["numpy"] == np.__version__
+    assert f"numpy {np.__version__}" in machine_text(facts)
+
+
+def test_a_cost_is_read_as_it_was_written(tmp_path):
+    assert read_cost(tmp_path) is None
+    cost = CostMeter({"tracking": 0.1}).total(recording_seconds=10.0, events=1000)
+    write_cost(tmp_path, cost)
+    assert cost.machine == machine()
+    assert read_cost(tmp_path) == read_cost(tmp_path / "trajectory.npz") == cost
+    assert read_cost(tmp_path / "esvo.txt") is None
+    (tmp_path / "cost.json").write_text("[]")
+    with pytest.raises(InputError, match=r"cost\.json: is no cost"):
+        read_cost(tmp_path)
