@@ -182,8 +182,8 @@ class FixedLagSmoother:
     def _joint_covariances(self, count: int) -> Array:
         """(count, 24, 24) of the window's first states and the next of each."""
         assert self._window is not None and self._optimum is not None
-        solved = len(self._optimum.linearized.states)
-        first = 12 * (solved - len(self._window.states))
+        solved = self._optimum.linearized
+        first = int(solved.columns.state[len(solved.states) - len(self._window.states)])
         columns = np.arange(first, first + 12 * (count + 1))
         covariance = self._optimum.quadratic.covariance(columns)
         pairs = 12 * np.arange(count)[:, None] + np.arange(24)

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from factors.kernels import kernel
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
@@ -31,7 +33,8 @@ class Quadratic:
     Attributes
     ----------
     H, g, c
-        (D, D) information matrix, (D,) half of the gradient at d = 0, and the cost there.
+        (D, D) information matrix, (D,) half of the gradient at d = 0, and the cost there. Only the
+        upper triangle of H is read, but by `cost`.
     """
 
     H: Array
@@ -64,22 +67,19 @@ class Quadratic:
     def root(self, combinations: Array) -> Array:
         """(D, n) matrix M so that MᵀM is the covariance of linear combinations (D, n)."""
         lower, scale = self._factor
-        root, _ = lapack.dtrtrs(lower, scale[:, None] * combinations, lower=1)
+        scaled = np.multiply(combinations, scale[:, None], order="F")
+        root, _ = lapack.dtrtrs(lower, scaled, lower=1, overwrite_b=1)
         return root
 
-    def marginal(self, kept: Index) -> Quadratic:
-        """The cost of the kept variables (n,), least over the other ones (Schur complement)."""
-        left = np.ones(len(self.g), bool)
-        left[kept] = False
-        out = np.flatnonzero(left)
-        if len(out) == 0:
-            return Quadratic(self.H[np.ix_(kept, kept)], self.g[kept], self.c)
-        leaving = Quadratic(self.H[np.ix_(out, out)], self.g[out])
-        root = leaving.root(np.column_stack([self.H[np.ix_(out, kept)], self.g[out]]))
+    def marginal(self, out: int) -> Quadratic:
+        """The cost of the variables from `out` on, least over those before (Schur complement)."""
+        leaving = Quadratic(self.H[:out, :out].copy(), self.g[:out])
+        root = leaving.root(np.column_stack([self.H[:out, out:], self.g[:out]]))
         by_kept, by_g = root[:, :-1], root[:, -1]
-        H = self.H[np.ix_(kept, kept)] - by_kept.T @ by_kept
-        g = self.g[kept] - by_kept.T @ by_g
-        return Quadratic(0.5 * (H + H.T), g, self.c - float(by_g @ by_g))
+        H = self.H[out:, out:] - by_kept.T @ by_kept
+        mirror_kernel(H)
+        g = self.g[out:] - by_kept.T @ by_g
+        return Quadratic(H, g, self.c - float(by_g @ by_g))
 
     @cached_property
     def _factor(self) -> tuple[Array, Array]:
@@ -93,13 +93,29 @@ class Quadratic:
         if wrong.any():
             raise IndeterminateError(int(np.argmax(wrong)))
         scale = 1 / np.sqrt(diagonal)
-        scaled = self.H * scale
-        scaled *= scale[:, None]
-        # The transpose of a symmetric matrix is itself, in the order of LAPACK.
-        lower, info = lapack.dpotrf(scaled.T, lower=1, overwrite_a=1)
+        # The upper triangle of rows is the lower one of LAPACK's columns.
+        lower, info = lapack.dpotrf(scaled_kernel(self.H, scale).T, lower=1, clean=0, overwrite_a=1)
         if info > 0:
             raise IndeterminateError(info - 1)
         small = ~(np.diagonal(lower) > SMALLEST_PIVOT)
         if small.any():
             raise IndeterminateError(int(np.argmax(small)))
         return lower, scale
+
+
+@kernel
+def scaled_kernel(H: Array, scale: Array) -> Array:
+    """Upper triangle of H (D, D), rows and columns scaled."""
+    result = np.empty(H.shape)
+    for i in range(len(H)):
+        for j in range(i, len(H)):
+            result[i, j] = scale[i] * H[i, j] * scale[j]
+    return result
+
+
+@kernel
+def mirror_kernel(H: Array) -> None:
+    """Copy the upper triangle to the lower one."""
+    for i in range(len(H)):
+        for j in range(i):
+            H[i, j] = H[j, i]

@@ -16,13 +16,13 @@ from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.factor_graph import SAME_TIME, seen_twice
 from gpvo.gaussian import IndeterminateError
 from gpvo.landmarks import Landmarks
-from gpvo.marginal_prior import MarginalPrior, landmark_columns
+from gpvo.marginal_prior import MarginalPrior
 from gpvo.repairs import Repair, repairs_of
 from gpvo.robust import RobustLoss
 from gpvo.states import States
 from gpvo.tracklets import Measurements
 from gpvo.unique_times import Deviations
-from gpvo.window_cost import Variables, WindowCost
+from gpvo.window_cost import Columns, Variables, WindowCost
 from gpvo.window_optimizer import Optimum, minimize
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ class LagWindow:
         known = Measurements.concatenate([self.measurements, new])
         known = known[np.argsort(known.t, kind="stable")]
         fresh = seen_twice(known)
-        fresh = fresh[~np.isin(fresh.landmark, self.landmarks.number)]
+        fresh = fresh[~self.landmarks.contains(fresh.landmark)]
         T_world_cam, _ = self.states.query(fresh.t)
         added = Landmarks.measured(fresh, T_world_cam, self.sensor.camera)
         landmarks = self.landmarks.and_others(added)
@@ -97,19 +97,18 @@ class LagWindow:
         Raises
         ------
         IndeterminateError
-            If the states are not determined.
+            If the states are not determined; its column counts from the first state's on.
         """
         window, repairs = self, list[Repair]()
         while True:
             variables = Variables(window.states, window.landmarks)
             try:
                 optimum = minimize(window._cost(), variables, self.sensor.config)
-                lost = optimum.cost.hidden(optimum.variables)
+                lost = optimum.hidden
             except IndeterminateError as error:
-                if error.column < variables.first_landmark:
-                    raise
-                index = (error.column - variables.first_landmark) // 3
-                lost = variables.landmarks.number[index : index + 1]
+                if error.column >= variables.first_state:
+                    raise IndeterminateError(error.column - variables.first_state) from error
+                lost = variables.landmarks.number[error.column // 3 :][:1]
             if len(lost) == 0:
                 found = optimum.variables
                 return (
@@ -153,19 +152,19 @@ class LagWindow:
         start, measurements = self.states.t[count], self.measurements
         leaving = measurements.t < start
         told = self._usable(measurements[leaving])
-        stays = np.isin(self.landmarks.number, measurements.landmark[~leaving])
-        concerned = np.isin(self.landmarks.number, told.landmark)
-        concerned |= np.isin(self.landmarks.number, self.prior.landmarks.number)
+        stays = self.landmarks.among(measurements.landmark[~leaving])
+        concerned = self.landmarks.among(told.landmark)
+        concerned |= self.landmarks.among(self.prior.landmarks.number)
         here = optimum.linearized
         part = Variables(here.states[: count + 1], here.landmarks[concerned])
         kept = np.flatnonzero(stays[concerned])
-        columns = [12 * count + np.arange(12), landmark_columns(kept, part.first_landmark)]
-        quadratic = replace(optimum.cost, measurements=told).quadratic(part)
+        columns, out = _columns_with_last(count, kept, len(part.landmarks))
+        quadratic = replace(optimum.cost, measurements=told).quadratic(part, columns)
         prior = MarginalPrior(
             part.states.T_world_cam[-1],
             part.states.twist[-1],
             part.landmarks[kept],
-            quadratic.marginal(np.concatenate(columns)),
+            quadratic.marginal(out),
         )
         return LagWindow(
             self.sensor,
@@ -183,18 +182,18 @@ class LagWindow:
         return WindowCost(self.sensor.camera, self.sensor.noise, loss, self.prior, usable, unique)
 
     def _usable(self, measurements: Measurements) -> Measurements:
-        return measurements[np.isin(measurements.landmark, self.landmarks.number)]
+        return measurements[self.landmarks.contains(measurements.landmark)]
 
     def _inside_gate(self, new: Measurements) -> NDArray[np.bool_]:
         """Which measurements (N,) lie where the window predicts them; unknown landmarks do."""
         inside = np.ones(len(new), bool)
-        known = np.flatnonzero(np.isin(new.landmark, self.landmarks.number))
+        known = np.flatnonzero(self.landmarks.contains(new.landmark))
         if len(known) == 0:
             return inside
         variables = Variables(self.states, self.landmarks)
         predicted = replace(self._cost(), measurements=new[known])
         rows, columns = predicted.stereo(variables)[0], predicted.columns(variables)
-        combinations = np.zeros((variables.first_landmark + 3 * len(self.landmarks), len(known), 3))
+        combinations = np.zeros((variables.columns.size, len(known), 3))
         n = np.arange(len(known))[:, None, None]
         combinations[columns[:, :, None], n, np.arange(3)] = rows[..., :-1].transpose(0, 2, 1)
         root = self._cost().quadratic(variables).root(combinations.reshape(len(combinations), -1))
@@ -204,6 +203,19 @@ class LagWindow:
         distance = np.einsum("nij,nij->n", error, np.linalg.solve(spread, error))
         inside[known] = distance <= chi2.ppf(self.sensor.config.gate, 3)
         return inside
+
+
+def _columns_with_last(state: int, landmarks: Index, count: int) -> tuple[Columns, int]:
+    """Columns of states and `count` landmarks with the last state and some landmarks at the end.
+
+    And the number of columns before these.
+    """
+    others = np.setdiff1d(np.arange(count), landmarks)
+    out = 12 * state + 3 * len(others)
+    of_landmark = np.empty(count, np.int64)
+    of_landmark[others] = 12 * state + 3 * np.arange(len(others))
+    of_landmark[landmarks] = out + 12 + 3 * np.arange(len(landmarks))
+    return Columns(np.append(12 * np.arange(state), out), of_landmark), out
 
 
 def new_times(last: float, measured: Array, stop: float, interval: float) -> Array:

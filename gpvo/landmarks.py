@@ -69,6 +69,18 @@ class Landmarks:
         """Where landmarks of these numbers (N,) are; all must be there."""
         return np.searchsorted(self.number, number)
 
+    def contains(self, number: Index) -> NDArray[np.bool_]:
+        """(N,) whether landmarks of these numbers (N,) are there."""
+        if len(self) == 0:
+            return np.zeros(len(number), bool)
+        return self.number[np.minimum(self.index(number), len(self) - 1)] == number
+
+    def among(self, number: Index) -> NDArray[np.bool_]:
+        """(L,) which of the landmarks are among these numbers (N,)."""
+        among = np.zeros(len(self), bool)
+        among[self.index(number[self.contains(number)])] = True
+        return among
+
     def moved(self, step: Array) -> Landmarks:
         """With the step (L, 3) added to the coordinates."""
         return replace(self, coordinates=self.coordinates + step)

@@ -66,19 +66,10 @@ class MarginalPrior:
         coordinates[landmarks.index(self.landmarks.number)] = self.landmarks.coordinates
         return States(states.t, T, twist), replace(landmarks, coordinates=coordinates)
 
-    def columns(self, landmarks: Landmarks, first: int) -> Index:
-        """(12 + 3 L,) columns of its variables, if those of all landmarks begin at `first`."""
-        index = landmarks.index(self.landmarks.number)
-        return np.concatenate([np.arange(12), landmark_columns(index, first)])
-
     def without(self, number: Index) -> MarginalPrior:
         """The same belief, but not about landmarks of these numbers."""
-        stay = np.flatnonzero(~np.isin(self.landmarks.number, number))
-        kept = np.concatenate([np.arange(12), landmark_columns(stay, 12)])
-        marginal = self.quadratic.marginal(kept)
-        return replace(self, landmarks=self.landmarks[stay], quadratic=marginal)
-
-
-def landmark_columns(index: Index, first: int) -> Index:
-    """(3 N,) columns of the landmarks with these indices (N,), the first one's at `first`."""
-    return (first + 3 * index[:, None] + np.arange(3)).ravel()
+        stays = ~np.isin(self.landmarks.number, number)
+        order = np.argsort(np.concatenate([np.ones(12), np.repeat(stays, 3)]), kind="stable")
+        H, g = self.quadratic.H[np.ix_(order, order)], self.quadratic.g[order]
+        marginal = Quadratic(H, g, self.quadratic.c).marginal(3 * int(np.sum(~stays)))
+        return replace(self, landmarks=self.landmarks[stays], quadratic=marginal)

@@ -58,6 +58,8 @@ class States:
         T, twist = self._interpolate(inside)
         if twist_ahead is not None:
             twist[t > self.t[-1]] = twist_ahead
+        if (inside == t).all():
+            return T, twist
         T, twist, _ = extrapolate(T, twist, t - inside)
         return T, twist
 

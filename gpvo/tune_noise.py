@@ -98,9 +98,9 @@ def measurement_information(
         cost = _cost(measurements, motion, camera, noise)
         for _ in range(3):
             landmarks = landmarks.moved(_landmark_steps(cost, Variables(motion, landmarks)))
-        rows, _ = cost.stereo(Variables(motion, landmarks), derivatives=False)
-        error = rows[..., -1] / np.sqrt(information)
-        weight = 1.0 * (np.sum(rows[..., -1] ** 2, axis=1) < chi2.ppf(INLIERS, 3))
+        white, _ = cost.errors(Variables(motion, landmarks))
+        error = white / np.sqrt(information)
+        weight = 1.0 * (np.sum(white**2, axis=1) < chi2.ppf(INLIERS, 3))
         share = 1 - len(landmarks) / len(measurements)
         information = share * weight.sum() / np.sum(weight[:, None] * error**2, axis=0)
     return information

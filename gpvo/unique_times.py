@@ -24,6 +24,7 @@ from factors.local import (
     moved_kernel,
 )
 from gpvo.factor_graph import SAME_TIME
+from gpvo.normal_kernels import add_bridge_kernel
 from gpvo.states import States, bracket
 
 Array = NDArray[np.float64]
@@ -102,54 +103,82 @@ def _wiener_covariance(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Bridge:
-    """The measurements between two key states: rows (m, 3, 28) as of `stereo_kernel`.
+    """The measurements between two key states.
 
     Attributes
     ----------
-    rows, columns
-        (m, 3, 28) derivatives and errors, and (m, 27) where the derivatives belong.
-    by_local
-        (m, 3, 6) derivative of the errors by xi at their own time.
-    covariance
-        (2, 2, m, m) of `bridge_covariance`.
+    rows, by_local
+        (m, 3, 28) derivatives and errors, and (m, 3, 6) derivative of the errors by xi at their own
+        time, as of `stereo_kernel`.
+    times, duration
+        (m,) of the measurements, and of the second state, after the first state.
     qc
         (6,) power spectral density.
     """
 
     rows: Array
-    columns: Index
     by_local: Array
-    covariance: Array
+    times: Array
+    duration: float
     qc: Array
 
-    def add_normal(self, H: Array, g: Array) -> None:
-        """Add what the measurements tell of the key states and landmarks."""
-        landmark, place = np.unique(self.columns[:, 24], return_inverse=True)
-        used = np.append(self.columns[0, :24], (landmark[:, None] + np.arange(3)).ravel())
-        m = len(self.rows)
-        dense = np.zeros((3 * m, len(used) + 1))
-        lines = np.arange(3 * m).reshape(m, 3, 1)
-        dense[:, :24] = self.rows[..., :24].reshape(3 * m, 24)
-        dense[lines, 24 + 3 * place[:, None, None] + np.arange(3)] = self.rows[..., 24:27]
-        dense[:, -1] = self.rows[..., -1].ravel()
-        white, _ = lapack.dtrtrs(self._root, dense, lower=1)
-        H[np.ix_(used, used)] += white[:, :-1].T @ white[:, :-1]
-        g[used] += white[:, :-1].T @ white[:, -1]
+    def add_normal(self, landmark: Index, state: Index, H: Array, g: Array) -> None:
+        """Add what the measurements tell of the key states and landmarks.
+
+        The columns of the landmarks (m,) and of both states begin at `landmark` and `state`; of H
+        the upper triangle is added to.
+        """
+        rows, root = self.rows.reshape(-1, 28), self._root
+        solved, _ = lapack.dpotrs(root, rows[:, _STATES_AND_ERROR], lower=1)
+        information, _ = lapack.dpotri(root, lower=1, overwrite_c=1)
+        solved = np.ascontiguousarray(solved)
+        add_bridge_kernel(self.rows, information.T, solved, landmark, state, H, g)
 
     def deviations(self) -> Array:
         """(m, 12) most probable deviations from the interpolated states, given the errors."""
         solved, _ = lapack.dpotrs(self._root, self.rows[..., -1].ravel(), lower=1)
         pull = -self.qc * np.einsum("nij,ni->nj", self.by_local, solved.reshape(-1, 3))
-        return np.hstack([self.covariance[0, 0] @ pull, self.covariance[1, 0] @ pull])
+        xi, twist = bridge_covariance(self.times, self.duration)[:, 0]
+        return np.hstack([xi @ pull, twist @ pull])
 
     @property
     def _root(self) -> Array:
-        """(3 m, 3 m) Cholesky factor of the covariance of the errors."""
-        by_local = self.by_local.reshape(-1, 6)
-        spread = np.repeat(np.repeat(self.covariance[0, 0], 3, axis=0), 3, axis=1)
-        whole = np.eye(len(by_local)) + spread * ((by_local * self.qc) @ by_local.T)
-        root, _ = lapack.dpotrf(whole, lower=1)
+        """(3 m, 3 m) Cholesky factor, lower, of the covariance of the errors."""
+        covariance = errors_covariance_kernel(self.by_local, self.times, self.duration, self.qc)
+        root, _ = lapack.dpotrf(covariance.T, lower=1, clean=0, overwrite_a=1)
         return root
+
+
+_STATES_AND_ERROR = np.append(np.arange(24), 27)
+
+
+@kernel
+def errors_covariance_kernel(by_local: Array, times: Array, duration: float, qc: Array) -> Array:
+    """(3 m, 3 m) covariance of errors of unit variance whose states deviate; see `Bridge`.
+
+    1 + B K Bᵀ, with K the covariance of xi of `bridge_covariance`; only the upper triangle.
+    """
+    m, d = len(times), duration
+    result, to_end = np.zeros((3 * m, 3 * m)), np.empty((m, 2))
+    for i in range(m):
+        to_end[i, 0] = times[i] * times[i] * (3 * d - times[i]) / 6
+        to_end[i, 1] = times[i] * times[i] / 2
+    a, b, c = 12 / (d * d * d), -6 / (d * d), 4 / d  # inverse covariance at the end
+    for i in range(m):
+        for j in range(i, m):
+            first, last = min(times[i], times[j]), max(times[i], times[j])
+            spread = first * first * (3 * last - first) / 6
+            spread -= to_end[i, 0] * (a * to_end[j, 0] + b * to_end[j, 1])
+            spread -= to_end[i, 1] * (b * to_end[j, 0] + c * to_end[j, 1])
+            for r in range(3):
+                for s in range(3):
+                    value = 0.0
+                    for k in range(6):
+                        value += by_local[i, r, k] * qc[k] * by_local[j, s, k]
+                    result[3 * i + r, 3 * j + s] = spread * value
+    for i in range(3 * m):
+        result[i, i] += 1.0
+    return result
 
 
 def groups(interval: Index) -> Iterator[slice]:

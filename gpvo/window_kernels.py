@@ -1,7 +1,6 @@
-"""Errors and normal equations of a window of states, all its measurements at once.
+"""Errors in a window of states and their derivatives, all its measurements at once.
 
-States k have twelve columns from 12 k on, pose and twist, rotation first; the landmarks' three
-columns each follow. The same formulas as factors.WnoaPriorFactor and
+The same formulas as factors.WnoaPriorFactor and
 factors.InterpolatedStereoFactor, which the tests hold them to.
 """
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from factors.kernels import (
     RIGHT,
     Array,
+    inner_kernel,
     jacobian_coefficients_kernel,
     kernel,
     polynomial_kernel,
@@ -33,6 +33,47 @@ Index = NDArray[np.int64]
 
 
 @kernel
+def errors_kernel(
+    T: Array,
+    twist: Array,
+    t: Array,
+    time: Array,
+    interval: Index,
+    landmark: Index,
+    T_world_chart: Array,
+    coordinates: Array,
+    measured: Array,
+    camera: Array,
+    whitening: Array,
+    result: Array,
+) -> None:
+    """Whitened errors of measurements in order of time, and the depths of their landmarks.
+
+    The parameters are those of `stereo_kernel`; result (N, 4), written: error (3) and depth.
+    """
+    local_j, pose, velocity, point, last = (
+        np.empty(12),
+        np.empty((4, 4)),
+        np.empty(6),
+        np.empty(3),
+        -1,
+    )
+    for n in range(len(time)):
+        i = interval[n]
+        if i != last:
+            local_j = local_state_kernel(T[i], T[i + 1], twist[i + 1])
+            last = i
+        weights = hermite_weights(time[n] - t[i], t[i + 1] - time[n])
+        moved_kernel(T[i], interpolated_local_kernel(twist[i], local_j, weights), pose, velocity)
+        _write_point_kernel(T_world_chart[landmark[n]], coordinates[landmark[n]], point)
+        stereo = reprojection_kernel(pose, point, measured[n], camera)
+        result[n, 3] = 0.0
+        for m in range(3):
+            result[n, m] = whitening[m] * stereo[m, 9]
+            result[n, 3] += pose[m, 2] * (point[m] - pose[m, 3])
+
+
+@kernel
 def stereo_kernel(
     T: Array,
     twist: Array,
@@ -45,7 +86,6 @@ def stereo_kernel(
     measured: Array,
     camera: Array,
     whitening: Array,
-    derivatives: bool,
     result: Array,
     by_local: Array,
 ) -> None:
@@ -61,8 +101,6 @@ def stereo_kernel(
         (L, 4, 4) frames of the landmarks and (L, 3) x / z, y / z and 1 / z in them.
     camera, whitening
         (5,) parameters, and (3,) inverse standard deviations.
-    derivatives
-        Whether to compute them.
     result
         (N, 3, 28), written: derivative by state before (12), state after (12) and coordinates (3),
         then the error.
@@ -76,24 +114,19 @@ def stereo_kernel(
         j = i + 1
         if i != last:
             local_j = local_state_kernel(T[i], T[j], twist[j])
-            if derivatives:
-                by_states_j = local_jacobian_kernel(local_j, twist[j], EXACT)
+            by_states_j = local_jacobian_kernel(local_j, twist[j], EXACT)
             last = i
         weights = hermite_weights(time[n] - t[i], t[j] - time[n])
         local = interpolated_local_kernel(twist[i], local_j, weights)
         moved_kernel(T[i], local, pose, velocity)
         chart, q = T_world_chart[landmark[n]], coordinates[landmark[n]]
-        for m in range(3):
-            point[m] = (chart[m, 0] * q[0] + chart[m, 1] * q[1] + chart[m, 2]) / q[2] + chart[m, 3]
+        _write_point_kernel(chart, q, point)
         stereo = reprojection_kernel(pose, point, measured[n], camera)
-        for r in range(3):
-            result[n, r, 27] = whitening[r] * stereo[r, 9]
-        if not derivatives:
-            continue
         first = len(stereo) - 3
         by_states = rows_by_states_kernel(stereo, first, local, by_states_j, weights)
         jacobian = polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
         for r in range(3):
+            result[n, r, 27] = whitening[r] * stereo[r, 9]
             for c in range(24):
                 result[n, r, c] = whitening[r] * by_states[r, c]
             for c in range(6):
@@ -114,6 +147,13 @@ def stereo_kernel(
             result[n, r, 26] = -whitening[r] * away / (q[2] * q[2])
 
 
+@inner_kernel
+def _write_point_kernel(chart: Array, q: Array, point: Array) -> None:
+    """Write the point (3,) in the world of coordinates q (3,) in a frame (4, 4)."""
+    for m in range(3):
+        point[m] = (chart[m, 0] * q[0] + chart[m, 1] * q[1] + chart[m, 2]) / q[2] + chart[m, 3]
+
+
 @kernel
 def motion_kernel(
     T: Array, twist: Array, t: Array, whitening: Array, derivatives: bool, result: Array
@@ -131,20 +171,3 @@ def motion_kernel(
             for column in range(25):
                 result[k, r, column] = whitening[r] * (a * raw[r, column] + b * raw[6 + r, column])
                 result[k, 6 + r, column] = whitening[r] * c * raw[6 + r, column]
-
-
-@kernel
-def add_normal_kernel(rows: Array, columns: Index, H: Array, g: Array) -> None:
-    """Add JᵀJ to H (D, D) and Jᵀe to g (D,); rows (N, m, n + 1) hold J and e.
-
-    The columns (N, n) say where those of J lie in H.
-    """
-    height, width = rows.shape[1], rows.shape[2] - 1
-    for n in range(len(rows)):
-        for i in range(width):
-            row = columns[n, i]
-            for r in range(height):
-                value = rows[n, r, i]
-                g[row] += value * rows[n, r, width]
-                for j in range(width):
-                    H[row, columns[n, j]] += value * rows[n, r, j]

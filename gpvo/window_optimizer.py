@@ -5,10 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gpvo.config import EstimatorConfig
 from gpvo.gaussian import IndeterminateError, Quadratic
 from gpvo.window_cost import Variables, WindowCost
+
+Array = NDArray[np.float64]
+ROUNDING = 1e-12
+"""Costs, squared standard deviations, that differ by less are the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,12 +28,20 @@ class Optimum:
         With the loss of the last step.
     linearized, quadratic
         Where the cost was linearized, and the cost of a step from there on.
+    depth
+        (N,) depths of the landmarks in the cameras that measured them.
     """
 
     variables: Variables
     cost: WindowCost
     linearized: Variables
     quadratic: Quadratic
+    depth: Array
+
+    @property
+    def hidden(self) -> NDArray[np.int64]:
+        """Numbers of the landmarks that are behind the camera at one of their measurements."""
+        return np.unique(self.cost.measurements.landmark[~(self.depth > 0)])
 
 
 def minimize(cost: WindowCost, variables: Variables, config: EstimatorConfig) -> Optimum:
@@ -52,22 +65,24 @@ def minimize(cost: WindowCost, variables: Variables, config: EstimatorConfig) ->
         quadratic = cost.quadratic(linearized)
         lowest = min(lowest, quadratic.c)
         step = quadratic.minimum()
-        variables, predicted = linearized.moved(step), quadratic.cost(step)
-        value = cost.value(variables)
+        # At its minimum a quadratic cost has fallen by half of its linear part.
+        variables, predicted = linearized.moved(step), quadratic.c + float(quadratic.g @ step)
+        value, depth = cost.value_and_depths(variables)
         if not np.isfinite(value):
             raise IndeterminateError(_lost(cost, variables))
         loss = cost.loss.less_convex()
-        if loss == cost.loss and abs(predicted - value) <= config.relative_decrease * value:
+        tolerance = max(config.relative_decrease * value, ROUNDING)
+        if loss == cost.loss and abs(predicted - value) <= tolerance:
             break
-    if value > 2 * lowest + len(cost.measurements):
-        raise IndeterminateError(0)
-    return Optimum(variables, cost, linearized, quadratic)
+    if value > 2 * lowest + 1 + len(cost.measurements):
+        raise IndeterminateError(variables.first_state)
+    return Optimum(variables, cost, linearized, quadratic, depth)
 
 
 def _lost(cost: WindowCost, variables: Variables) -> int:
-    """First column of the first landmark whose error is not finite; 0 if it is a state's fault."""
+    """Column of the first landmark whose error is not finite, or of the states if all are."""
     wrong = ~np.isfinite(cost.squared_errors(variables))
     if not wrong.any():
-        return 0
+        return variables.first_state
     landmark = variables.landmarks.index(cost.measurements.landmark[wrong])
-    return variables.first_landmark + 3 * int(landmark[0])
+    return int(variables.columns.landmark[landmark[0]])

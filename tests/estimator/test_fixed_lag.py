@@ -103,11 +103,10 @@ def test_minimum_and_covariance_of_a_quadratic_and_its_marginal() -> None:
     scale = np.sqrt(np.diagonal(quadratic.H))
     identity = (covariance @ quadratic.H) * scale[:, None] / scale
     assert np.allclose(identity, np.eye(6), atol=1e-6)
-    kept = np.array([1, 4, 5])
-    marginal = quadratic.marginal(kept)
-    assert np.allclose(marginal.minimum(), d[kept])
-    assert np.allclose(marginal.covariance(np.arange(3)), covariance[np.ix_(kept, kept)])
-    assert marginal.cost(d[kept]) == pytest.approx(quadratic.cost(d))
+    marginal = quadratic.marginal(2)
+    assert np.allclose(marginal.minimum(), d[2:])
+    assert np.allclose(marginal.covariance(np.arange(4)), covariance[2:, 2:])
+    assert marginal.cost(d[2:]) == pytest.approx(quadratic.cost(d))
 
 
 def test_what_is_not_determined_is_named() -> None:
