@@ -52,6 +52,6 @@ def convert_command(
 @contextmanager
 def progress(console: Console, duration: float) -> Iterator[Callable[[float], None]]:
     """A bar of recording time that vanishes at the end."""
-    with Progress(console=console, transient=True) as bar:
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("reading", total=duration)
         yield lambda seconds: bar.update(task, completed=seconds)

@@ -68,7 +68,9 @@ def choose_pair(
     for given in (left, right):
         if given is not None and given not in names:
             raise InputError(f"{path}: has no {what} {given}; it has {_listing(names)}")
-    if left is not None and right is not None and left != right:
+    if left is not None and right is not None:
+        if left == right:
+            raise InputError(f"{path}: --left-topic and --right-topic both name {left}")
         return left, right
     rest = [name for name in names if name not in (left, right)]
     if (left or right) and len(rest) == 1:

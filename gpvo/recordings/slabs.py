@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import count
 
 import numpy as np
 
 from gpvo.recordings.base import Events, StereoEvents
+
+LONGEST_SILENCE = 60.0
+"""Seconds; a longer time without events, perhaps from a damaged stamp, is one slab."""
 
 
 def stereo_slabs(
@@ -21,15 +23,15 @@ def stereo_slabs(
         Blocks of any size in order of time, without events before `start`. A block is taken
         only when a slab needs it.
     start, stop, length
-        Seconds; the last slab may be shorter.
+        Seconds; the last slab may be shorter, and one without events longer.
     """
     if not length > 0.0:
         raise ValueError(f"slab length {length} s is not positive")
     cut_left, cut_right = _Cutter(left), _Cutter(right)
-    first = start
-    for number in count(1):
-        if first >= stop:
-            return
+    first, number = start, 0
+    while first < stop:
+        silence = min(cut_left.upcoming, cut_right.upcoming, stop) - first
+        number += max(1, int(silence / length)) if silence > LONGEST_SILENCE else 1
         last = min(start + number * length, stop)
         yield StereoEvents(first, last, cut_left.until(last), cut_right.until(last))
         first = last
@@ -41,6 +43,14 @@ class _Cutter:
     def __init__(self, blocks: Iterator[Events]) -> None:
         self._blocks = blocks
         self._rest = Events.empty()
+        self._at_end = False
+
+    @property
+    def upcoming(self) -> float:
+        """Time of the next event: -inf where none has been read yet, inf behind the last one."""
+        if len(self._rest):
+            return float(self._rest.t[0])
+        return np.inf if self._at_end else -np.inf
 
     def until(self, stop: float) -> Events:
         """All events before `stop` that have not been given yet."""
@@ -48,6 +58,7 @@ class _Cutter:
         while len(parts[-1]) == 0 or parts[-1].t[-1] < stop:
             block = next(self._blocks, None)
             if block is None:
+                self._at_end = True
                 break
             parts.append(block)
         split = int(np.searchsorted(parts[-1].t, stop, side="left"))

@@ -191,6 +191,8 @@ def test_ambiguous_topics(tmp_path: Path, calibration: Path) -> None:
     recording = open_recording(path, calibration, "/front", "/rear")
     assert_recording_holds(recording, LEFT, RIGHT)
     assert_recording_holds(open_recording(path, calibration, right_topic="/front"), RIGHT, LEFT)
+    with pytest.raises(InputError, match="--left-topic and --right-topic both name /front"):
+        open_recording(path, calibration, "/front", "/front")
     with pytest.raises(InputError, match="has no topic /back; it has /front, /rear"):
         open_recording(path, calibration, "/back")
 

@@ -15,6 +15,7 @@ from recording_files import camchain, event_rows, write_mvsec
 from gpvo.errors import InputError
 from gpvo.recordings import Events, Recording, mvsec, open_recording
 from gpvo.recordings.mvsec import MvsecRecording
+from gpvo.recordings.slabs import stereo_slabs
 
 COLUMNS = ("x", "y", "t", "polarity")
 
@@ -96,6 +97,21 @@ def test_times_start_at_the_first_event_of_either_camera(tmp_path: Path, calibra
     assert_same(ours_right, expected(right, right[0, 2]))
     stamps = [recording.stamp_ns(t) for t in ours_left.t]
     np.testing.assert_allclose(stamps, left[:, 2] * 1e9, rtol=0, atol=1000)
+
+
+@pytest.mark.parametrize("length", [0.1, 70.0])
+def test_hours_without_events_are_one_slab(length: float) -> None:
+    """Slabs go on in step behind them, and at the end nothing is waited for."""
+    t = np.array([0.05, 0.17, 50_000.02, 50_000.31])
+    events = Events(*np.zeros((2, 4), np.uint16), t, np.ones(4, bool))
+    blocks = [events[:3], events[3:]]
+    slabs = list(stereo_slabs(iter(blocks), iter([events[:2]]), 0.0, 90_000.0, length))
+    assert len(slabs) < 12
+    assert all(a.stop == b.start for a, b in pairwise(slabs)) and slabs[-1].stop == 90_000.0
+    assert sum(len(slab.left) for slab in slabs) == 4
+    assert sum(len(slab.right) for slab in slabs) == 2
+    for slab in slabs:
+        assert slab.stop - slab.start < 1.001 * length or len(slab.left) == len(slab.right) == 0
 
 
 def test_slabs_without_events_are_yielded(tmp_path: Path, calibration: Path) -> None:
