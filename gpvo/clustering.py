@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gpvo.calibration import StereoRig
 from gpvo.config import ClusteringConfig
+from gpvo.contours import events_until_thick
 from gpvo.event_filter import EventFilter
 from gpvo.recordings.base import Events, StereoEvents
 
@@ -92,7 +93,8 @@ def cluster_events(
     """Cut a stereo event stream into clusters.
 
     A cluster ends after `config.window` seconds, or as soon as either camera has
-    `config.max_events` events. A last one that the stream fills less than half is dropped.
+    `config.max_events` events or contours `config.max_thickness` pixels thick. A last one that the
+    stream fills less than half is dropped.
     """
 
     def cluster(start: float, stop: float) -> StereoCluster:
@@ -110,7 +112,7 @@ def cluster_events(
         start, end = slab.start if start is None else start, slab.stop
         left = Events.concatenate([left, filter_left(slab.left)])
         right = Events.concatenate([right, filter_right(slab.right)])
-        while (stop := _cluster_end(left.t, right.t, start, config)) <= slab.stop:
+        while (stop := _cluster_end((left, right), rig, start, config)) <= slab.stop:
             yield cluster(start, stop)
             left, right = left.between(stop, np.inf), right.between(stop, np.inf)
             start = stop
@@ -123,16 +125,18 @@ def cluster_events(
 
 
 def _cluster_end(
-    left_times: NDArray[np.float64],
-    right_times: NDArray[np.float64],
-    start: float,
-    config: ClusteringConfig,
+    sides: tuple[Events, Events], rig: StereoRig, start: float, config: ClusteringConfig
 ) -> float:
     """End of the cluster that begins at `start`: just after the event that fills it, if any."""
     stop = start + config.window
-    for times in (left_times, right_times):
-        if len(times) >= config.max_events:
-            stop = min(stop, float(np.nextafter(times[config.max_events - 1], np.inf)))
+    for events, camera in zip(sides, (rig.left, rig.right), strict=True):
+        full = config.max_events
+        if config.max_thickness > 0:
+            first = events[:full]
+            thick = events_until_thick(first.x, first.y, camera.resolution, config.max_thickness)
+            full = min(full, thick)
+        if len(events) >= full:
+            stop = min(stop, float(np.nextafter(events.t[full - 1], np.inf)))
     return stop
 
 

@@ -20,6 +20,13 @@ class ClusteringConfig(StageConfig):
     max_events: int = Field(
         20_000, gt=0, description="Events of either camera that end a cluster early."
     )
+    max_thickness: float = Field(
+        0.0,
+        ge=0,
+        description="Thickness of contours, the way that they have moved, that ends a cluster "
+        "early, pixels, such as 2.5: twice the area over the perimeter of the pixels with an "
+        "event. 0 looks at time and count alone.",
+    )
     background_filter: float = Field(
         0.0,
         ge=0,
@@ -99,6 +106,23 @@ class Viso2Config(StageConfig):
     )
 
 
+class CompensationConfig(StageConfig):
+    """Motion-compensated images."""
+
+    reach: float = Field(
+        24.0,
+        gt=0,
+        description="Standard deviation of the weights with which features tell the image motion "
+        "around them, pixels.",
+    )
+    time_radius: float = Field(
+        15.0,
+        gt=0,
+        description="A feature's time is the mean of the events within this radius, pixels: the "
+        "patch that is tracked.",
+    )
+
+
 class TrackingConfig(StageConfig):
     """Section III-A.2: detection, quad matching and extension over earlier frames."""
 
@@ -113,10 +137,11 @@ class TrackingConfig(StageConfig):
         description="Image resolutions that are tracked independently: 1 full, 2 half. The paper "
         "takes both; with patches the half one costs twice the time and gains nothing.",
     )
-    image: Literal["binary", "time_surface"] = Field(
+    image: Literal["binary", "time_surface", "motion_compensated"] = Field(
         "binary",
         description="What is tracked of a cluster's events: that there was one, as in the paper, "
-        "or how late in the cluster the latest one was.",
+        "how late in the cluster the latest one was, or how many there were where they would have "
+        "been in the cluster's middle.",
     )
     earlier_frames: int = Field(
         4, ge=1, description="Number of earlier frames that tracklets are extended over."
@@ -124,6 +149,7 @@ class TrackingConfig(StageConfig):
     features: FeatureConfig = FeatureConfig()
     klt: KltConfig = KltConfig()
     viso2: Viso2Config = Viso2Config()
+    compensation: CompensationConfig = CompensationConfig()
 
 
 class TrackletConfig(StageConfig):

@@ -36,6 +36,15 @@ class Observations:
     def __len__(self) -> int:
         return len(self.landmark)
 
+    def __getitem__(self, index: NDArray) -> Observations:
+        return Observations(
+            self.landmark[index],
+            self.frame[index],
+            self.left[index],
+            self.right[index],
+            self.times[index],
+        )
+
     @property
     def disparity(self) -> NDArray[np.float64]:
         """(N,) left column minus right column, pixels."""

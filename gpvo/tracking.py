@@ -16,6 +16,7 @@ from gpvo.clustering import StereoCluster
 from gpvo.config import TrackingConfig
 from gpvo.features import half_resolution
 from gpvo.klt_tracking import KltTracker
+from gpvo.motion_compensation import MotionCompensation
 from gpvo.observations import Observations
 from gpvo.viso2_tracking import Viso2Tracker
 
@@ -55,6 +56,7 @@ class MultiResolutionTracker:
     def __init__(self, config: TrackingConfig) -> None:
         make = KltTracker if config.tracker == "klt" else Viso2Tracker
         self._image = config.image
+        self._compensation = MotionCompensation(config.compensation, config.earlier_frames + 1)
         self._resolutions = config.resolutions
         self._trackers: Sequence[ImageTracker] = [make(config) for _ in config.resolutions]
 
@@ -75,9 +77,12 @@ class MultiResolutionTracker:
                     right=to_full_resolution(found.right, resolution),
                 )
             )
-        return Observations.concatenate(parts)
+        seen = Observations.concatenate(parts)
+        return self._compensation.timed(seen) if self._image == "motion_compensated" else seen
 
     def _images(self, cluster: StereoCluster) -> StereoImage:
+        if self._image == "motion_compensated":
+            return self._compensation.pictures(cluster)
         if self._image == "binary":
             return cluster.left.binary_frame, cluster.right.binary_frame
         left, right = (
