@@ -55,10 +55,7 @@ FORMATS = (
     Format("MCAP", is_mcap, lambda path, *how: open_log(McapFile(path), *how)),
     Format("ROS 2 bag", is_rosbag2, lambda path, *how: open_log(open_rosbag2(path), *how)),
     Format("AEDAT4", is_aedat4, open_aedat4),
-    *(
-        Format(kind.name, kind.recognise, kind.open)
-        for kind in (two_files.COLUMNS, two_files.EVENT_UTILS, two_files.RAW, two_files.TEXT)
-    ),
+    *(Format(kind.name, kind.recognise, kind.open) for kind in two_files.KINDS),
 )
 """Tried in this order."""
 
@@ -119,11 +116,6 @@ def _recordings_in(folder: Path) -> list[Path]:
 
 
 def _unknown(path: Path, formats: Sequence[Format]) -> str:
-    if path.is_file() and has_dataset(path, "CD/events"):
-        return (
-            f"{path}: is Prophesee's HDF5, whose compression (ECF) has no free package; convert it"
-            " to raw, or to DSEC's layout"
-        )
     known = "; ".join(candidate.name for candidate in formats)
     kind = "file" if path.is_file() else "folder: it is not a file, and none in it"
     return f"{path}: is not a recording that gpvo reads ({kind}); it reads {known}"

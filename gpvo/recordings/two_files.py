@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from gpvo.recordings import columns
+from gpvo.recordings import columns, prophesee_hdf5
 from gpvo.recordings.base import Recording
 from gpvo.recordings.calibrations import Calibration, rig_for
 from gpvo.recordings.columns import ColumnStream
@@ -62,5 +62,13 @@ EVENT_UTILS = TwoFiles(
     lambda path: has_dataset(path, columns.EVENT_UTILS.x),
     lambda path: ColumnStream(path, columns.EVENT_UTILS),
 )
+PROPHESEE_HDF5 = TwoFiles(
+    "Prophesee HDF5",
+    HDF5,
+    lambda path: has_dataset(path, prophesee_hdf5.EVENTS),
+    prophesee_hdf5.TableStream,
+)
 RAW = TwoFiles("Prophesee raw", (".raw",), is_raw, RawStream)
 TEXT = TwoFiles("text (t x y polarity)", (".txt", ".csv"), is_text, TextStream)
+
+KINDS = (COLUMNS, EVENT_UTILS, PROPHESEE_HDF5, RAW, TEXT)

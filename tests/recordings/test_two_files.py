@@ -234,13 +234,6 @@ def test_rectify_map_of_another_camera(tmp_path: Path, calibration: Path) -> Non
         open_recording(tmp_path, calibration)
 
 
-def test_prophesee_hdf5_is_named(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "a.hdf5", "w") as file:
-        file["CD/events"] = np.zeros(3)
-    with pytest.raises(InputError, match="ECF"):
-        open_recording(tmp_path / "a.hdf5")
-
-
 PACKINGS: dict[int, Callable[[bytes], bytes]] = {
     0: bytes,
     1: lz4.frame.compress,
