@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from gpvo.evaluation.comparison import Comparison
 from gpvo.evaluation.plots import error_figure, path_figure, path_figure_3d, png
-from gpvo.evaluation.table_formats import to_html, to_latex, to_markdown
+from gpvo.evaluation.table_formats import LATEX_PACKAGES, to_html, to_latex, to_markdown
 from gpvo.poses import StampedPoses
 
 STYLE = """
@@ -35,7 +35,8 @@ def write_report(directory: Path, comparisons: Sequence[Comparison]) -> None:
     _write(directory / "metrics.json", json.dumps(numbers, indent=2) + "\n")
     tables = [table for comparison in comparisons for table in comparison.tables()]
     _write(directory / "tables.md", "\n".join(map(to_markdown, tables)))
-    _write(directory / "tables.tex", "\n".join(map(to_latex, tables)))
+    latex = [f"% {LATEX_PACKAGES}\n", *map(to_latex, tables)]
+    _write(directory / "tables.tex", "\n".join(latex))
     sections = []
     for comparison in comparisons:
         images = {name: png(figure) for name, figure in comparison_figures(comparison).items()}

@@ -11,6 +11,8 @@ from rich.table import Table
 
 from gpvo.evaluation.tables import Cell, ResultTable
 
+LATEX_PACKAGES = r"\usepackage{amsmath, booktabs}"
+
 LATEX_SPECIAL = {
     "\\": r"\textbackslash{}",
     "%": r"\%",
@@ -61,7 +63,7 @@ def _markdown_cell(cell: Cell) -> str:
 
 
 def to_latex(table: ResultTable) -> str:
-    """For the booktabs package."""
+    """A table for a document with LATEX_PACKAGES."""
     lines = [
         r"\begin{table}[tbp]",
         r"\centering",
