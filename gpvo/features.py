@@ -51,22 +51,30 @@ class Features:
         (N, 2) int32 pixel (u, v).
     kind
         (N,) int32: 0 minimum and 1 maximum of the blob response, 2 and 3 of the corner response.
+    strength
+        (N,) float32 response of the filter, relative to its largest possible one.
     descriptors
         (N, 32) uint8 gradients around the point, compared by their sum of absolute differences.
     """
 
     points: NDArray[np.int32]
     kind: NDArray[np.int32]
+    strength: NDArray[np.float32]
     descriptors: NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.points)
 
+    def __getitem__(self, index: NDArray) -> Features:
+        return Features(
+            self.points[index], self.kind[index], self.strength[index], self.descriptors[index]
+        )
+
 
 def detect(image: NDArray[np.uint8], config: FeatureConfig) -> Features:
     """Find the extrema of the blob and the corner response of an 8-bit image and describe them."""
-    points, kind, _ = extrema(image, config.nms_radius, config.response_threshold)
-    return Features(points, kind, describe(gradients(image), points))
+    points, kind, strength = extrema(image, config.nms_radius, config.response_threshold)
+    return Features(points, kind, strength, describe(gradients(image), points))
 
 
 def extrema(
@@ -195,3 +203,9 @@ def half_resolution(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return ((wide[::2, ::2] + wide[::2, 1::2] + wide[1::2, ::2] + wide[1::2, 1::2]) // 4).astype(
         np.uint8
     )
+
+
+def smooth(image: NDArray[np.uint8], deviation: float) -> NDArray[np.uint8]:
+    """Gaussian blur of a binary frame, brightened so that thin contours keep their contrast."""
+    blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), deviation)
+    return np.clip(blurred * 1.5 * deviation, 0, 255).astype(np.uint8)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.config import TrackingConfig
-from gpvo.features import extrema, strongest_spaced
+from gpvo.features import extrema, smooth, strongest_spaced
 from gpvo.observations import Observations
 from gpvo.patch_checks import patch_correlation, row_gradient
 
@@ -182,9 +182,3 @@ class KltTracker:
             flags=0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
         return end.reshape(-1, 2), status.ravel() > 0
-
-
-def smooth(image: Image, deviation: float) -> Image:
-    """Gaussian blur of a binary frame, brightened so that thin contours keep their contrast."""
-    blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), deviation)
-    return np.clip(blurred * 1.5 * deviation, 0, 255).astype(np.uint8)

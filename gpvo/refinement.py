@@ -1,9 +1,12 @@
-"""Sub-pixel refinement of matches: the least patch difference and a parabola through it.
+"""Refinement of matches: the least patch difference, and a parabola through it.
 
-LIBVISO2's refinement: a small patch of gradients is compared over 7 x 7 positions around the match.
+LIBVISO2's refinement: a small patch of gradients is compared over 7 x 7 positions around the match,
+or over 5 x 5 if whole pixels will do.
 """
 
 from __future__ import annotations
+
+from typing import Literal
 
 import numpy as np
 from numba import njit
@@ -21,7 +24,9 @@ PATCH = np.array(
     + [(dx, dy, 1) for dx, dy in ((0, -1), (-1, 0), (1, 0), (0, 1))]
 )  # fmt: skip
 SEARCH_RADIUS = 3  # pixels
-REACH = 2 + SEARCH_RADIUS + 1  # a point needs this distance from the border
+PIXEL_SEARCH_RADIUS = 2
+PATCH_RADIUS = 2
+REACH = PATCH_RADIUS + SEARCH_RADIUS + 1  # a point needs this distance from the border
 
 
 def patches(gradient: NDArray[np.uint8], points: NDArray[np.int32]) -> NDArray[np.uint8]:
@@ -32,16 +37,23 @@ def patches(gradient: NDArray[np.uint8], points: NDArray[np.int32]) -> NDArray[n
 
 
 def refine(
-    gradient: NDArray[np.uint8], points: NDArray[np.int32], reference: NDArray[np.uint8]
+    gradient: NDArray[np.uint8],
+    points: NDArray[np.int32],
+    reference: NDArray[np.uint8],
+    how: Literal["none", "pixel", "subpixel"] = "subpixel",
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Sub-pixel positions (N, 2) near points where the image looks like the reference (N, 16).
+    """Positions (N, 2) near points where the image looks like the reference (N, 16).
 
     The mask is False where the best position is on the search window's border or at the image's,
-    or where the parabola has no minimum within a pixel.
+    or where the parabola has no minimum within a pixel. To a pixel, points at the image's border
+    stay, and all are found.
     """
-    costs = np.full((len(points), 2 * SEARCH_RADIUS + 1, 2 * SEARCH_RADIUS + 1), np.inf)
+    if how == "none":
+        return points.astype(np.float64), np.ones(len(points), bool)
+    radius = SEARCH_RADIUS if how == "subpixel" else PIXEL_SEARCH_RADIUS
+    costs = np.full((len(points), 2 * radius + 1, 2 * radius + 1), np.inf)
     _fill_costs(costs, gradient, points.astype(np.int64), reference, PATCH)
-    return _parabola_minimum(costs, points)
+    return _parabola_minimum(costs, points) if how == "subpixel" else _least(costs, points)
 
 
 @njit(cache=True)
@@ -53,6 +65,7 @@ def _fill_costs(
     patch: NDArray[np.int64],
 ) -> None:
     height, width, _ = gradient.shape
+    radius = costs.shape[1] // 2
     for i in range(len(points)):
         u, v = points[i]
         if not (REACH <= u < width - REACH and REACH <= v < height - REACH):
@@ -61,10 +74,21 @@ def _fill_costs(
             for column in range(costs.shape[2]):
                 total = 0
                 for k in range(len(patch)):
-                    y = v + row - SEARCH_RADIUS + patch[k, 1]
-                    x = u + column - SEARCH_RADIUS + patch[k, 0]
+                    y = v + row - radius + patch[k, 1]
+                    x = u + column - radius + patch[k, 0]
                     total += abs(np.int64(gradient[y, x, patch[k, 2]]) - reference[i, k])
                 costs[i, row, column] = total
+
+
+def _least(
+    costs: NDArray[np.float64], points: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Where the lowest cost is; in place where there are none."""
+    side = costs.shape[1]
+    row, column = np.divmod(costs.reshape(len(costs), side * side).argmin(axis=1), side)
+    known = np.isfinite(costs[:, 0, 0])
+    moved = points + np.stack([column, row], axis=1) - side // 2
+    return np.where(known[:, None], moved, points).astype(np.float64), np.ones(len(points), bool)
 
 
 def _parabola_minimum(

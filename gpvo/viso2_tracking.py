@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.config import TrackingConfig
-from gpvo.features import detect, gradients
-from gpvo.matching import IndexedFeatures, StereoFeatures, match_quads
+from gpvo.bucketing import best_per_cell
+from gpvo.config import FeatureConfig, TrackingConfig
+from gpvo.features import detect, gradients, smooth
+from gpvo.matching import StereoFeatures, index_features, match_quads, quad_points
 from gpvo.observations import Observations
 from gpvo.refinement import patches, refine
+from gpvo.search_ranges import everywhere, near_matches
 
 Image = NDArray[np.uint8]
 NO_LANDMARK = -1
@@ -24,13 +26,18 @@ NO_LANDMARK = -1
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """A stereo frame's features, and for each left feature its landmark or NO_LANDMARK."""
+    """A stereo frame's features, and each left one's landmark or NO_LANDMARK, and right feature.
+
+    The sparse features, if any, are those of the first stage.
+    """
 
     number: int
     features: StereoFeatures
+    sparse: StereoFeatures | None
     left_gradient: NDArray[np.uint8]
     right_gradient: NDArray[np.uint8]
     landmark: NDArray[np.int64]
+    right: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +56,9 @@ class Viso2Tracker:
     def __init__(self, config: TrackingConfig) -> None:
         self._features = config.features
         self._config = config.viso2
+        self._sparse = config.features.model_copy(
+            update={"nms_radius": config.viso2.sparse_nms_radius}
+        )
         self._frames: deque[_Frame] = deque(maxlen=config.earlier_frames)
         self._frame_count = 0
         self._landmark_count = 0
@@ -66,21 +76,64 @@ class Viso2Tracker:
         return observations
 
     def _new_frame(self, left: Image, right: Image) -> _Frame:
-        height = left.shape[0]
-        features = StereoFeatures(
-            IndexedFeatures(detect(left, self._features), height),
-            IndexedFeatures(detect(right, self._features), height),
-        )
+        if self._config.smoothing > 0:
+            left, right = (smooth(image, self._config.smoothing) for image in (left, right))
+        features = _detect(left, right, self._features)
         unknown = np.full(len(features.left.features), NO_LANDMARK)
-        frame = _Frame(self._frame_count, features, gradients(left), gradients(right), unknown)
+        frame = _Frame(
+            self._frame_count,
+            features,
+            _detect(left, right, self._sparse) if self._config.two_stage else None,
+            gradients(left),
+            gradients(right),
+            unknown,
+            unknown.copy(),
+        )
         self._frame_count += 1
         return frame
 
+    def _match(self, frame: _Frame, earlier: _Frame) -> NDArray[np.int64]:
+        """Quads (M, 4) between two frames; see `gpvo.matching.match_quads`."""
+        shape, between = frame.left_gradient.shape[:2], frame.number - earlier.number
+        ranges = everywhere(shape, between, self._config)
+        if frame.sparse is not None and earlier.sparse is not None:
+            sparse = match_quads(frame.sparse, earlier.sparse, ranges, self._config)
+            points = np.concatenate(
+                [
+                    quad_points(sparse, frame.sparse, earlier.sparse),
+                    quad_points(_known_quads(frame, earlier), frame.features, earlier.features),
+                ],
+                axis=1,
+            )
+            ranges = near_matches(points, ranges, self._config.least_range)
+        return match_quads(frame.features, earlier.features, ranges, self._config)
+
+    def _bucketed(
+        self, quads: NDArray[np.int64], frame: _Frame, earlier: _Frame
+    ) -> NDArray[np.int64]:
+        """Quads (M, 4) without those that would give a cell of the frame too many landmarks."""
+        if self._config.bucket_features == 0:
+            return quads
+        features = frame.features.left.features
+        keep = frame.landmark[quads[:, 0]] != NO_LANDMARK
+        new, landmark = quads[~keep, 0], earlier.landmark[quads[~keep, 3]]
+        keep[~keep] = best_per_cell(
+            features.points[new],
+            (self._sightings(landmark), features.strength[new]),
+            features.points[frame.landmark != NO_LANDMARK],
+            self._config.bucket_size,
+            self._config.bucket_features,
+        )
+        return quads[keep]
+
+    def _sightings(self, landmark: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Number of earlier frames (N,) in which landmarks (N,) are seen."""
+        known = np.concatenate([frame.landmark for frame in self._frames])
+        return (landmark[:, None] == known).sum(axis=1) * (landmark != NO_LANDMARK)
+
     def _link(self, frame: _Frame, earlier: _Frame) -> list[_Sighting]:
         """Give matched features the same landmark and return the sightings that this adds."""
-        quads = match_quads(
-            frame.features, earlier.features, frame.number - earlier.number, self._config
-        )
+        quads = self._bucketed(self._match(frame, earlier), frame, earlier)
         added = []
         for left, right, earlier_right, earlier_left in quads:
             here, there = frame.landmark[left], earlier.landmark[earlier_left]
@@ -107,21 +160,21 @@ class Viso2Tracker:
 
     @staticmethod
     def _sight(landmark: int, frame: _Frame, left: int, right: int) -> _Sighting:
-        frame.landmark[left] = landmark
+        frame.landmark[left], frame.right[left] = landmark, right
         return _Sighting(landmark, frame, left, right)
 
     def _refined(self, sightings: list[_Sighting]) -> Observations:
         """Sub-pixel observations; those whose patch is not found again are left out."""
         left = np.empty((len(sightings), 2))
         right = np.empty((len(sightings), 2))
-        found = np.zeros(len(sightings), bool)
+        found, how = np.zeros(len(sightings), bool), self._config.refinement
         for frame in {id(s.frame): s.frame for s in sightings}.values():
             rows = np.array([i for i, s in enumerate(sightings) if s.frame is frame])
             reference = np.stack([self._references[sightings[i].landmark] for i in rows])
             left_points = frame.features.left.features.points[[sightings[i].left for i in rows]]
             right_points = frame.features.right.features.points[[sightings[i].right for i in rows]]
-            left[rows], found_left = refine(frame.left_gradient, left_points, reference)
-            right[rows], found_right = refine(frame.right_gradient, right_points, reference)
+            left[rows], found_left = refine(frame.left_gradient, left_points, reference, how)
+            right[rows], found_right = refine(frame.right_gradient, right_points, reference, how)
             found[rows] = found_left & found_right
         found &= left[:, 0] > right[:, 0]
         return Observations(
@@ -130,3 +183,15 @@ class Viso2Tracker:
             left[found],
             right[found],
         )
+
+
+def _detect(left: Image, right: Image, config: FeatureConfig) -> StereoFeatures:
+    found = (index_features(detect(image, config), len(image)) for image in (left, right))
+    return StereoFeatures(*found)
+
+
+def _known_quads(frame: _Frame, earlier: _Frame) -> NDArray[np.int64]:
+    """Quads (M, 4) of the landmarks that both frames show."""
+    landmark, here, there = np.intersect1d(frame.landmark, earlier.landmark, return_indices=True)
+    here, there = (index[landmark != NO_LANDMARK] for index in (here, there))
+    return np.stack([here, frame.right[here], earlier.right[there], there], axis=1)

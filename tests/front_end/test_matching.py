@@ -1,6 +1,8 @@
-"""Quad matching recovers known shifts, within its ranges, and neighbours unmask outliers."""
+"""Quad matching recovers known shifts, within its ranges, in one stage and in two."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,11 +15,12 @@ from gpvo.config import FeatureConfig, Viso2Config
 from gpvo.features import Features, detect
 from gpvo.matching import (
     NO_MATCH,
-    IndexedFeatures,
     StereoFeatures,
-    delaunay_support,
+    index_features,
     match_quads,
+    quad_points,
 )
+from gpvo.search_ranges import SearchRanges, everywhere, near_matches
 
 CONFIG = Viso2Config(flow_radius=25, max_disparity=40)
 FEATURES = FeatureConfig(response_threshold=600)
@@ -25,22 +28,19 @@ TEXTURE = random_grey(0)
 Shift = tuple[int, int]
 
 
-def stereo_features(left: Shift, right: Shift) -> StereoFeatures:
+def stereo_features(left: Shift, right: Shift, nms_radius: int = 3) -> StereoFeatures:
     """Features of the texture moved by (dx, dy) in each of two images."""
+    config = FEATURES.model_copy(update={"nms_radius": nms_radius})
     return StereoFeatures(
         *(
-            IndexedFeatures(detect(window(TEXTURE, *shift), FEATURES), HEIGHT)
+            index_features(detect(window(TEXTURE, *shift), config), HEIGHT)
             for shift in (left, right)
         )
     )
 
 
-def quad_points(
-    quads: NDArray[np.int64], current: StereoFeatures, previous: StereoFeatures
-) -> list[NDArray[np.int32]]:
-    """Current left, current right, previous right and previous left points (M, 2)."""
-    images = (current.left, current.right, previous.right, previous.left)
-    return [i.features.points[q] for i, q in zip(images, quads.T, strict=True)]
+def ranges(config: Viso2Config, frames_between: int = 1) -> SearchRanges:
+    return everywhere((HEIGHT, WIDTH), frames_between, config)
 
 
 def seen_in_all(points: NDArray[np.int32], shifts: list[Shift]) -> NDArray[np.bool_]:
@@ -55,7 +55,7 @@ def test_quads_recover_flow_and_disparity(dx: int, dy: int, disparity: int, clos
     earlier = max(1, disparity + closer)
     current = stereo_features((dx, dy), (dx - disparity, dy))
     previous = stereo_features((0, 0), (-earlier, 0))
-    quads = match_quads(current, previous, 1, CONFIG)
+    quads = match_quads(current, previous, ranges(CONFIG), CONFIG)
     left, right, previous_right, previous_left = quad_points(quads, current, previous)
 
     right_shift, right_back, back = (-disparity, 0), (-dx - earlier, -dy), (-dx, -dy)
@@ -72,7 +72,7 @@ def found_share(disparity: int, row_shift: int, flow: int, config: Viso2Config) 
     """Share of the left features whose quad is the true one."""
     current = stereo_features((flow, 0), (flow - disparity, row_shift))
     previous = stereo_features((0, 0), (-disparity, row_shift))
-    quads = match_quads(current, previous, 1, config)
+    quads = match_quads(current, previous, ranges(config), config)
     left, right, _, previous_left = quad_points(quads, current, previous)
     true = (left - right == (disparity, -row_shift)).all(axis=1)
     true &= (left - previous_left == (flow, 0)).all(axis=1)
@@ -109,7 +109,7 @@ def test_flow_range_grows_with_the_frames_between() -> None:
     current, previous = stereo_features((40, 0), (20, 0)), stereo_features((0, 0), (-20, 0))
     true = []
     for frames_between in (1, 2):
-        quads = match_quads(current, previous, frames_between, CONFIG)
+        quads = match_quads(current, previous, ranges(CONFIG, frames_between), CONFIG)
         left, *_, previous_left = quad_points(quads, current, previous)
         true.append(((left - previous_left) == (40, 0)).all(axis=1).sum())
     assert true[0] == 0 and true[1] > 0.6 * len(current.left.features)
@@ -119,6 +119,7 @@ def random_features(rng: np.random.Generator, count: int) -> Features:
     return Features(
         rng.integers(0, 40, (count, 2)).astype(np.int32),
         rng.integers(0, 4, count).astype(np.int32),
+        rng.random(count).astype(np.float32),
         rng.integers(0, 256, (count, 32)).astype(np.uint8),
     )
 
@@ -126,49 +127,69 @@ def random_features(rng: np.random.Generator, count: int) -> Features:
 @given(st.integers(0, 2**32), st.integers(0, 80))
 @settings(deadline=None, max_examples=30)
 def test_search_is_the_least_difference_among_the_candidates(seed: int, count: int) -> None:
+    """Windows may lie partly or wholly outside the image."""
     rng = np.random.default_rng(seed)
-    queries, known = random_features(rng, 30), random_features(rng, count)
-    columns, rows = (-12, 7), (-3, 5)
-    selected = np.append(rng.permutation(30), NO_MATCH)
-    found = IndexedFeatures(known, 40).search(queries, selected, columns, rows)
-    for i, j in zip(selected[:-1], found[:-1], strict=True):
+    queries, indexed = random_features(rng, 30), index_features(random_features(rng, count), 40)
+    known, selected = indexed.features, np.append(rng.permutation(30), NO_MATCH)
+    lowest, width = rng.uniform(-80, 60, (31, 2)), rng.uniform(0, 40, (31, 2))
+    windows = np.stack([lowest, lowest + width], axis=2).reshape(31, 4)
+    found = indexed.search(queries, selected, windows)
+    for i, j, (left, right, top, bottom) in zip(selected[:-1], found, windows, strict=False):
         offset = known.points - queries.points[i]
         candidate = known.kind == queries.kind[i]
-        candidate &= (offset[:, 0] >= columns[0]) & (offset[:, 0] <= columns[1])
-        candidate &= (offset[:, 1] >= rows[0]) & (offset[:, 1] <= rows[1])
+        candidate &= (offset[:, 0] >= left) & (offset[:, 0] <= right)
+        candidate &= (offset[:, 1] >= top) & (offset[:, 1] <= bottom)
         difference = known.descriptors.astype(int) - queries.descriptors[i]
         cost = np.where(candidate, np.abs(difference).sum(axis=1), 10**6)
         assert j == (cost.argmin() if candidate.any() else NO_MATCH)
     assert found[-1] == NO_MATCH
 
 
+@given(st.integers(0, 2**32), st.integers(0, 80))
+@settings(deadline=None, max_examples=20)
+def test_the_index_keeps_every_feature(seed: int, count: int) -> None:
+    features = random_features(np.random.default_rng(seed), count)
+    indexed = index_features(features, 40)
+    ordered, start = indexed.features, indexed.start
+    for key, (first, last) in enumerate(pairwise(start)):
+        assert (ordered.kind[first:last] == key // 40).all()
+        assert (ordered.points[first:last, 1] == key % 40).all()
+    assert start[0] == 0 and start[-1] == len(ordered) == count
+    for name in ("points", "kind", "strength", "descriptors"):
+        rows = (np.column_stack([f.strength, getattr(f, name)]) for f in (features, ordered))
+        before, after = (r[np.argsort(r[:, 0])] for r in rows)
+        np.testing.assert_array_equal(before, after)
+
+
 def test_blank_images_have_no_quads() -> None:
-    blank = IndexedFeatures(detect(np.zeros((50, 50), np.uint8), FeatureConfig()), 50)
-    assert match_quads(*[StereoFeatures(blank, blank)] * 2, 1, CONFIG).shape == (0, 4)
+    blank = index_features(detect(np.zeros((50, 50), np.uint8), FeatureConfig()), 50)
+    pair = StereoFeatures(blank, blank)
+    assert match_quads(pair, pair, ranges(CONFIG), CONFIG).shape == (0, 4)
 
 
-@given(st.integers(0, 2**32), st.sampled_from(["flow", "disparity"]))
-@settings(deadline=None, max_examples=30)
-def test_support_throws_out_planted_outliers(seed: int, which: str) -> None:
-    rng = np.random.default_rng(seed)
-    v, u = np.mgrid[10:230:14, 10:230:14]
-    points = np.column_stack([u.ravel(), v.ravel()]) + rng.integers(-2, 3, (u.size, 2))
-    flow = (points @ [[0.03, 0.02], [-0.02, 0.04]]).astype(np.int32)
-    disparity = (20 + points @ [0.04, -0.03]).astype(np.int32)
-    # One outlier in each block of 4 x 4 points, so that its neighbours have enough good ones.
-    outlier = (v.ravel() // 14 % 4 == 1) & (u.ravel() // 14 % 4 == 1)
-    if which == "flow":
-        flow[outlier] += rng.choice([-12, 12], (outlier.sum(), 2)).astype(np.int32)
-    else:
-        disparity[outlier] += rng.choice([-12, 12], outlier.sum()).astype(np.int32)
-    kept = delaunay_support(points.astype(np.int32), flow, disparity, 5.0, 5.0)
-    assert not kept[outlier].any()
-    inside = ((points > 20) & (points < 210)).all(axis=1)
-    assert kept[~outlier & inside].all()
+@given(st.integers(-24, 24), st.integers(-24, 24), st.integers(1, 38))
+@settings(deadline=None, max_examples=10)
+def test_two_stages_keep_every_true_quad_of_one_and_search_less(
+    dx: int, dy: int, disparity: int
+) -> None:
+    """What is best among all candidates is best among fewer, if it is one of them."""
+    config = CONFIG.model_copy(update={"min_support": 0})
+    shifts = [(dx, dy), (dx - disparity, dy)], [(0, 0), (-disparity, 0)]
+    current, previous = (stereo_features(*shift) for shift in shifts)
+    sparse = [stereo_features(*shift, nms_radius=9) for shift in shifts]
+    whole = ranges(CONFIG)
+    first = match_quads(sparse[0], sparse[1], whole, CONFIG)
+    near = near_matches(quad_points(first, sparse[0], sparse[1]), whole, 10.0)
+    one, two = (match_quads(current, previous, r, config) for r in (whole, near))
 
+    left, right, _, previous_left = quad_points(one, current, previous)
+    true = (left - right == (disparity, 0)).all(axis=1)
+    true &= (left - previous_left == (dx, dy)).all(axis=1)
+    assert true.sum() > 100
+    assert {tuple(q) for q in one[true]} <= {tuple(q) for q in two}
 
-@pytest.mark.parametrize("count", [0, 1, 3, 30])
-def test_matches_that_cannot_be_judged_are_kept(count: int) -> None:
-    on_a_line = np.column_stack([np.arange(count), 2 * np.arange(count)]).astype(np.int32)
-    flow = np.random.default_rng(0).integers(-99, 99, (count, 2)).astype(np.int32)
-    assert delaunay_support(on_a_line, flow, flow[:, 0], 5.0, 5.0).all()
+    area_whole, area_near = (
+        ((w[..., 1] - w[..., 0]) * (w[..., 3] - w[..., 2])).mean()
+        for w in (searched.at(left[true]) for searched in (whole, near))
+    )
+    assert area_near < 0.5 * area_whole

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from gpvo.config import KltConfig, TrackingConfig
-from gpvo.klt_tracking import KltTracker, smooth
+from gpvo.features import smooth
+from gpvo.klt_tracking import KltTracker
 from gpvo.observations import Observations
 from gpvo.patch_checks import patch_correlation, row_gradient
 

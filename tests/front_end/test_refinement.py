@@ -1,6 +1,8 @@
-"""Sub-pixel refinement recovers known shifts of a smooth image."""
+"""Refinement recovers known shifts of a smooth image, to a pixel or between pixels."""
 
 from __future__ import annotations
+
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 
 from gpvo.features import extrema, gradients
-from gpvo.refinement import REACH, _parabola_minimum, patches, refine
+from gpvo.refinement import PATCH, REACH, _parabola_minimum, patches, refine
 
 NOISE = gaussian_filter(np.random.default_rng(1).normal(size=(300, 360)), 2.0)
 
@@ -105,3 +107,38 @@ def test_no_points_are_no_error() -> None:
     nothing = np.empty((0, 2), np.int32)
     gradient = gradients(image())
     assert len(refine(gradient, nothing, patches(gradient, nothing))[0]) == 0
+
+
+@given(st.integers(-2, 2), st.integers(-2, 2))
+@settings(deadline=None, max_examples=10)
+def test_pixels_are_refined_to_the_least_difference(dx: int, dy: int) -> None:
+    points, moved = distinct_points(), gradients(image(dx + 0.3, dy - 0.2))
+    reference = patches(gradients(image()), points)
+    position, found = refine(moved, points, reference, "pixel")
+    assert found.all() and (position == np.rint(position)).all()
+    assert (position - points == [dx, dy]).all(axis=1).mean() > 0.8
+
+    for point, patch, best in zip(points[:50], reference, position, strict=False):
+        costs = {}
+        for row, column in np.ndindex(5, 5):
+            centre = point + np.array([column, row]) - 2
+            at = centre + PATCH[:, :2]
+            seen = moved[at[:, 1], at[:, 0], PATCH[:, 2]].astype(int)
+            costs[tuple(centre)] = np.abs(seen - patch).sum()
+        assert min(costs, key=costs.__getitem__) == tuple(best)
+
+
+@pytest.mark.parametrize("how", ["none", "pixel"])
+def test_whole_pixels_stay_at_the_images_border(how: Literal["none", "pixel"]) -> None:
+    gradient = gradients(image())
+    points = np.array([[0, 0], [REACH - 1, 50], [239, 179]], np.int32)
+    position, found = refine(gradient, points, np.zeros((3, 16), np.uint8), how)
+    assert found.all()
+    np.testing.assert_array_equal(position, points)
+
+
+def test_no_refinement_leaves_points_where_they_are() -> None:
+    points, gradient = distinct_points(), gradients(image(1, 1))
+    position, found = refine(gradient, points, patches(gradient, points + 1), "none")
+    assert found.all()
+    np.testing.assert_array_equal(position, points)

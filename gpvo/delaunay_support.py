@@ -1,0 +1,37 @@
+"""Matches that their neighbours in the image agree with: LIBVISO2's outlier rejection."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, QhullError
+
+
+def are_supported(
+    points: NDArray[np.int32],
+    flow: NDArray[np.int32],
+    disparity: NDArray[np.int32],
+    flow_tolerance: float,
+    disparity_tolerance: float,
+    least: int,
+) -> NDArray[np.bool_]:
+    """Whether enough neighbours in the triangulation of points (N, 2) move as each match does.
+
+    Flow (N, 2) is compared in the L1 norm, disparity (N,) by its difference. `least` edges of
+    triangles must agree, where one between two triangles counts twice. Fewer than four matches, or
+    matches on a line, cannot be judged and are kept.
+    """
+    if len(points) < 4:
+        return np.ones(len(points), bool)
+    try:
+        triangles = Delaunay(points).simplices
+    except QhullError:
+        return np.ones(len(points), bool)
+    support = np.zeros(len(points), np.int64)
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        p, q = triangles[:, first], triangles[:, second]
+        agree = np.abs(flow[p] - flow[q]).sum(axis=1) < flow_tolerance
+        agree &= np.abs(disparity[p] - disparity[q]) < disparity_tolerance
+        np.add.at(support, p[agree], 1)
+        np.add.at(support, q[agree], 1)
+    return support >= least
