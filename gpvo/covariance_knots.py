@@ -6,6 +6,7 @@ be kept.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,13 +35,16 @@ class CovarianceKnots:
     t: Array = field(default_factory=lambda: np.empty(0))
     joint: Array = field(default_factory=lambda: np.empty((0, 24, 24)))
 
-    def and_next(self, t: Array, joint: Array) -> CovarianceKnots:
-        """With further knots at times t, the first of them the last of these."""
-        return CovarianceKnots(
-            np.concatenate([self.t, t[len(self.t[:1]) :]]), np.concatenate([self.joint, joint])
-        )
+    @staticmethod
+    def joined(parts: Sequence[CovarianceKnots]) -> CovarianceKnots:
+        """Knots of parts in order of time; each part's first is the last one of the part before."""
+        parts = [part for part in parts if len(part.t)]
+        if not parts:
+            return CovarianceKnots()
+        t = [parts[0].t, *(part.t[1:] for part in parts[1:])]
+        return CovarianceKnots(np.concatenate(t), np.concatenate([part.joint for part in parts]))
 
-    def until(
+    def next_until(
         self,
         stop: float,
         states: States,
@@ -49,14 +53,14 @@ class CovarianceKnots:
         interval: float,
         first_deviations: Array,
     ) -> CovarianceKnots:
-        """Knots up to the state at `stop`, given the measurements of the window around it.
+        """Knots from the last one to the state at `stop`, given the measurements around it.
 
         The graph has states at knots alone, `interval` seconds apart, and measurements between them
         are interpolated. `first_deviations` (12,) are those of the trajectory's first state.
         """
         start = self.t[-1] if len(self.t) else states.t[0]
         if stop <= start:
-            return self
+            return CovarianceKnots()
         inner = states.t[states.t > start]
         final = np.append(state_times(inner[inner < stop - interval / 2], interval, start), stop)
         later = state_times(inner, interval, stop)
@@ -67,7 +71,7 @@ class CovarianceKnots:
             seen_twice(measurements[inside]),
             self._anchor_covariance(first_deviations),
         )
-        return self.and_next(t[: 1 + len(final)], window.joint_covariances(make, len(final)))
+        return CovarianceKnots(t[: 1 + len(final)], window.joint_covariances(make, len(final)))
 
     def _anchor_covariance(self, first_deviations: Array) -> Array:
         """(12, 12) of the last knot: what is known of its pose so far, of its twist nothing.

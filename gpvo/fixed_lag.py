@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -16,10 +15,11 @@ from gpvo.factor_graph import SAME_TIME
 from gpvo.gaussian import IndeterminateError
 from gpvo.initialization import start_states, velocity_ahead
 from gpvo.joining import joined
+from gpvo.lag import Lag
 from gpvo.lag_window import LagWindow, Sensor, new_times
 from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair, repairs_of, split_possible
-from gpvo.states import States
+from gpvo.states import States, later_states
 from gpvo.threads import one_blas_thread
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
@@ -48,7 +48,7 @@ class FixedLagSmoother:
         self._sensor = Sensor(camera, noise, config)
         self._window: LagWindow | None = None
         self._optimum: Optimum | None = None
-        self._cluster_ends: deque[float] = deque(maxlen=config.window)
+        self._lag = Lag(config)
         self._final: list[States] = []
         self._leaving = States()
         self._final_joint: list[Array] = []
@@ -66,10 +66,10 @@ class FixedLagSmoother:
         if self._window is None and len(possible) == 0:
             return
         window = self._window or self._first_window(possible.t.min(), fit)
-        self._cluster_ends.append(max(stop, window.states.t[-1]))
+        self._lag.advance(max(stop, window.states.t[-1]))
         last = window.states[-1:]
         interval = self._sensor.config.state_interval or UNIQUE_INTERVAL
-        t = new_times(last.t[0], possible.t, self._cluster_ends[-1], interval)
+        t = new_times(last.t[0], possible.t, self._lag.stop, interval)
         if len(t) + len(window.states) < 2:
             t = last.t + SAME_TIME
         ahead = velocity_ahead(last, stop, fit, self._sensor.noise)
@@ -96,8 +96,7 @@ class FixedLagSmoother:
 
     def settled(self, after: float) -> States:
         """Key states later than `after` that will not change any more."""
-        newest = [part for part in self._final[-2:] if part.t[-1] > after]
-        return States.concatenate(newest).after(after) if newest else States()
+        return later_states(self._final, after)
 
     @property
     def stored_bytes(self) -> int:
@@ -162,9 +161,8 @@ class FixedLagSmoother:
         """Marginalize what is older than the window; its estimates and covariances are final."""
         if self._window is None or self._optimum is None:
             return
-        ends = self._cluster_ends
-        full = len(ends) == ends.maxlen
-        leaving = int(np.sum(self._window.states.t < ends[0] - SAME_TIME)) if full else 0
+        t = self._window.states.t
+        leaving = int(np.sum(t[:-1] < self._lag.start - SAME_TIME))
         if leaving:
             self._final += self._left()
             self._leaving = self._window.states[: leaving + 1]

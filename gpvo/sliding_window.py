@@ -15,7 +15,7 @@ from gpvo.initialization import start_states, velocity_ahead
 from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
 from gpvo.robust import RobustLoss
-from gpvo.states import States
+from gpvo.states import States, later_states
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 from gpvo.window import FIXED, Window
@@ -34,11 +34,11 @@ class SlidingWindow:
         self.repairs: list[Repair] = []
         self._make = FactorMaker(camera, noise, RobustLoss(config.loss, config.loss_scale))
         self._config = config
+        self._final: list[States] = []
         self._states = States()
-        self._knots = CovarianceKnots()
+        self._knots: list[CovarianceKnots] = []
         self._measurements = Measurements.concatenate([])
         self._coasting = np.empty(0)
-        self._start = -np.inf
 
     def update(
         self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
@@ -58,9 +58,12 @@ class SlidingWindow:
         t = self._window_times()
         if len(t) < 2:
             return
-        self._start = t[0]
-        self._knots = self._knots_until(self._start, earlier)
-        self._states.replace_from(self._optimized(t, fit))
+        optimized = self._optimized(t, fit)
+        final = int(np.searchsorted(self._states.t, t[0]))
+        if final:
+            self._knots.append(self._knots_until(t[0], earlier))
+            self._final.append(self._states[:final])
+        self._states = optimized
 
     def _optimized(self, t: Array, fit: VelocityFit | None) -> States:
         """States at times t (K,); without the measurements if these do not determine them."""
@@ -84,12 +87,14 @@ class SlidingWindow:
         """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
         if len(self._states) == 0:
             return None
-        knots = self._knots_until(self._states.t[-1], self._measurements)
-        return Trajectory.of_states(self._states, knots, self._make.noise, start_ns)
+        latest = self._knots_until(self._states.t[-1], self._measurements)
+        knots = CovarianceKnots.joined([*self._knots, latest])
+        states = States.concatenate([*self._final, self._states])
+        return Trajectory.of_states(states, knots, self._make.noise, start_ns)
 
     def settled(self, after: float) -> States:
         """States later than `after` that will not change any more."""
-        return self._states[: int(np.searchsorted(self._states.t, self._start))].after(after)
+        return later_states(self._final, after)
 
     @property
     def _anchor_deviations(self) -> Array:
@@ -98,7 +103,11 @@ class SlidingWindow:
 
     def _add(self, frame: int, stop: float, measurements: Measurements) -> None:
         known = Measurements.concatenate([self._measurements, measurements])
-        self._measurements = known[known.frame > frame - self._config.window]
+        known = known[known.t >= self._states.t[0]]
+        if self._config.lag is None:
+            self._measurements = known[known.frame > frame - self._config.window]
+        else:
+            self._measurements = known[known.t > stop - self._config.lag]
         if len(measurements) == 0:
             self._coasting = np.append(self._coasting, stop)
 
@@ -112,7 +121,8 @@ class SlidingWindow:
         return np.concatenate([anchor, state_times(t, self._config.state_interval, *anchor)])
 
     def _knots_until(self, stop: float, measurements: Measurements) -> CovarianceKnots:
-        return self._knots.until(
+        known = self._knots[-1] if self._knots else CovarianceKnots()
+        return known.next_until(
             stop,
             self._states,
             measurements,

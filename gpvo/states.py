@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,13 +37,6 @@ class States:
         """Those later than t."""
         return self[int(np.searchsorted(self.t, t, "right")) :]
 
-    def replace_from(self, newer: States) -> None:
-        """Replace all states from the first time of others on by those."""
-        kept = int(np.searchsorted(self.t, newer.t[0]))
-        self.t = np.concatenate([self.t[:kept], newer.t])
-        self.T_world_cam = np.concatenate([self.T_world_cam[:kept], newer.T_world_cam])
-        self.twist = np.concatenate([self.twist[:kept], newer.twist])
-
     def at(self, t: Array, twist_ahead: Array | None = None) -> States:
         """States at times t (N,) by interpolation; see `query`."""
         return States(t, *self.query(t, twist_ahead))
@@ -77,3 +70,13 @@ def bracket(knots: Array, t: Array) -> tuple[NDArray[np.int64], NDArray[np.int64
     """Indices (N,) of the knots before and after times t (N,) within the increasing knots (K,)."""
     after = np.clip(np.searchsorted(knots, t, "right"), 1, len(knots) - 1)
     return after - 1, after
+
+
+def later_states(parts: Sequence[States], after: float) -> States:
+    """Those later than `after` of states in parts, both in order of time."""
+    later: list[States] = []
+    for part in reversed(parts):
+        if part.t[-1] <= after:
+            break
+        later.insert(0, part.after(after))
+    return States.concatenate([States(), *later])

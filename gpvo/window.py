@@ -71,9 +71,9 @@ class Window:
 
     def joint_covariances(self, make: FactorMaker, count: int) -> Array:
         """(count, 24, 24) joint covariances of the first states and the next of each."""
-        solved = gtsam.ISAM2(qr_parameters())
+        solved = gtsam.ISAM2(isam_parameters("QR"))
         solved.update(self.graph(make), self.values(make))
-        return np.array([joint_covariance(solved, k, k + 1) for k in range(count)])
+        return joint_covariances(solved, range(count + 1))
 
 
 def states_of(values: gtsam.Values, numbers: Sequence[int], t: Array) -> States:
@@ -113,18 +113,25 @@ def gauss_newton(
     return values
 
 
-def qr_parameters() -> gtsam.ISAM2Params:
-    """iSAM2 by QR that relinearizes whatever moved, as stiff chains of states need it."""
+def isam_parameters(factorization: str) -> gtsam.ISAM2Params:
+    """iSAM2 that relinearizes whatever moved, as stiff chains of states need it.
+
+    "QR" takes states any time apart; "CHOLESKY" is faster, and GTSAM rejects states microseconds
+    apart.
+    """
     parameters = gtsam.ISAM2Params()
-    parameters.setFactorization("QR")
+    parameters.setFactorization(factorization)
     parameters.setRelinearizeThreshold(1e-3)
     parameters.relinearizeSkip = 1
     parameters.findUnusedFactorSlots = True
     return parameters
 
 
-def joint_covariance(solved: gtsam.ISAM2, i: int, j: int) -> Array:
-    """(24, 24) joint covariance of the pose and twist of state i and of state j."""
-    keys = [X(i), V(i), X(j), V(j)]
+def joint_covariances(solved: gtsam.ISAM2, numbers: Sequence[int]) -> Array:
+    """(n - 1, 24, 24) covariances of the poses and twists of states (n,), of each and the next."""
+    if len(numbers) < 2:
+        return np.empty((0, 24, 24))
+    keys = [key(k) for k in numbers for key in (X, V)]
     joint = solved.jointMarginalCovariance(keys)
-    return np.block([[joint.at(row, column) for column in keys] for row in keys])
+    pairs = [keys[first : first + 4] for first in range(0, len(keys) - 2, 2)]
+    return np.array([np.block([[joint.at(i, j) for j in pair] for i in pair]) for pair in pairs])

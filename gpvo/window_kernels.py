@@ -51,13 +51,8 @@ def errors_kernel(
 
     The parameters are those of `stereo_kernel`; result (N, 4), written: error (3) and depth.
     """
-    local_j, pose, velocity, point, last = (
-        np.empty(12),
-        np.empty((4, 4)),
-        np.empty(6),
-        np.empty(3),
-        -1,
-    )
+    local_j, pose, velocity = np.empty(12), np.empty((4, 4)), np.empty(6)
+    point, last = np.empty(3), -1
     for n in range(len(time)):
         i = interval[n]
         if i != last:

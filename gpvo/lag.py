@@ -1,0 +1,33 @@
+"""How long states stay in the window."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from gpvo.config import EstimatorConfig
+
+
+class Lag:
+    """The window: the latest clusters, or the latest seconds if the configuration has a lag."""
+
+    def __init__(self, config: EstimatorConfig) -> None:
+        self._seconds = config.lag
+        self._ends: deque[float] = deque(maxlen=config.window)
+
+    def advance(self, stop: float) -> None:
+        """A cluster has ended at `stop`, or none later than the last one."""
+        self._ends.append(max([stop, *self._ends]))
+
+    @property
+    def stop(self) -> float:
+        """End of the latest cluster, seconds."""
+        return self._ends[-1]
+
+    @property
+    def start(self) -> float:
+        """States before it leave the window: seconds, -inf while the window is not full."""
+        if self._seconds is not None:
+            return self.stop - self._seconds
+        return self._ends[0] if len(self._ends) == self._ends.maxlen else -np.inf
