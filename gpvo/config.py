@@ -284,12 +284,18 @@ class EstimatorConfig(StageConfig):
         "clusters told; incremental: the same by GTSAM's IncrementalFixedLagSmoother, slower; "
         "batch: Gauss-Newton over the window alone, as in the paper.",
     )
-    window: int = Field(5, ge=2, description="Clusters in the window.")
+    window: int = Field(
+        5, ge=2, description="Lag in clusters: how many of the latest are in the window."
+    )
+    lag: float | None = Field(
+        None, gt=0, description="Lag in seconds, instead of the one in clusters; null for that one."
+    )
     state_interval: float = Field(
         0.0,
         ge=0,
-        description="Longest time between states, seconds; measurements between them are "
-        "interpolated. 0 makes every unique tracklet time a state, as the paper does.",
+        description="0 for unique times: every time of a measurement is a state, as in the paper. "
+        "Otherwise key times: states so many seconds apart or less, such as 0.025, and each "
+        "measurement between them at its own time, interpolated.",
     )
     relative_decrease: float = Field(
         0.01, gt=0, lt=1, description="Gauss-Newton ends when the cost changes by less than this."
