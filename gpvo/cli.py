@@ -1,4 +1,4 @@
-"""The command line: `gpvo run`, `demo`, `eval`, `inspect`, `tune-noise`, `config`."""
+"""The command line; `gpvo --help` lists its commands."""
 
 from __future__ import annotations
 
