@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gpvo.clustering import StereoCluster
 from gpvo.config import TrackingConfig
+from gpvo.event_tracking import EventTracker
 from gpvo.features import half_resolution
 from gpvo.klt_tracking import KltTracker
 from gpvo.motion_compensation import MotionCompensation
@@ -44,7 +45,7 @@ class ImageTracker(Protocol):
 
 def make_tracker(config: TrackingConfig) -> Tracker:
     """The tracker that the configuration names."""
-    return MultiResolutionTracker(config)
+    return EventTracker(config) if config.tracker == "event" else MultiResolutionTracker(config)
 
 
 class MultiResolutionTracker:
