@@ -21,6 +21,7 @@ from gpvo.evaluation.cost import write_cost
 from gpvo.evaluation.loading import load_poses
 from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.tables import ErrorRow
+from gpvo.folders import make_folder
 from gpvo.poses import seconds_text
 from gpvo.recordings import Recording, open_recording
 
@@ -79,6 +80,8 @@ def run_benchmark(
 ) -> list[Outcome]:
     """Run, print and, if asked, write all sequences."""
     configuration = configuration_of(options)
+    if options.output is not None:
+        make_folder(options.output)
     outcomes = []
     for sequence in sequences:
         outcomes.append(run_sequence(sequence, configuration, options.trajectories, protocol))

@@ -35,6 +35,7 @@ from gpvo.evaluation.cost import cost_table, total_cost
 from gpvo.evaluation.machine import machine_text
 from gpvo.evaluation.table_formats import to_markdown, to_rich
 from gpvo.evaluation.tables import ResultTable
+from gpvo.folders import make_folder
 
 STEP = 0.01
 """Seconds between the poses that are compared."""
@@ -152,6 +153,8 @@ def main(
     simulations = {case.name: case.config.model_dump(mode="json") for case in cases}
     earlier = read_summary(options.against, simulations) if options.against else []
     configuration = configuration_of(options)
+    if options.output is not None:
+        make_folder(options.output)
     with workers(options.jobs, options.scheduler) as executor:
         results = run_suite(cases, range(options.seeds), configuration, executor, console)
     tables = [summary_table(results)]
@@ -184,7 +187,6 @@ def write(
     from benchmarks.simulated_plot import suite_figure  # matplotlib is slow to import
     from gpvo.evaluation.plots import save_figure
 
-    folder.mkdir(parents=True, exist_ok=True)
     write_summary(folder / "summary.json", results, facts)
     (folder / "tables.md").write_text("\n".join(map(to_markdown, tables)), encoding="utf-8")
     save_figure(suite_figure(results, earlier), folder / "simulated.png")

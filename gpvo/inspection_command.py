@@ -10,6 +10,7 @@ from rich.console import Console
 from gpvo.config import Configuration
 from gpvo.configuration_file import configuration_text, load_fields
 from gpvo.errors import InputError
+from gpvo.folders import make_folder
 from gpvo.inspection import inspect
 from gpvo.inspection_report import FILES, inspection_table, write_inspection
 from gpvo.inspection_summary import summarize
@@ -48,7 +49,7 @@ def inspect_command(
         raise InputError(
             f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"
         )
-    make_folder(folder)
+    make_folder(folder, FILES)
     with console.status("inspecting the front end") as status:
         clusters = inspect(
             recording,
@@ -63,19 +64,3 @@ def inspect_command(
     (folder / "config.yaml").write_text(configuration_text(configuration))
     console.print(inspection_table(summary))
     console.print(f"results: {folder}")
-
-
-def make_folder(folder: Path) -> None:
-    """Make the folder and remove an earlier inspection's files.
-
-    Raises
-    ------
-    InputError
-        If that cannot be done.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in FILES:
-            (folder / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from error

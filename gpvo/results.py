@@ -12,13 +12,13 @@ from rich.table import Table
 
 from gpvo.config import Configuration
 from gpvo.configuration_file import configuration_text
-from gpvo.errors import InputError
 from gpvo.evaluation import Evaluation, evaluate
 from gpvo.evaluation.association import common_part
 from gpvo.evaluation.cost import COST_FILE
 from gpvo.evaluation.evaluate import common_stamps
 from gpvo.evaluation.plots import error_figure, path_figure, save_figure, series_figure
 from gpvo.evaluation.stretches import weak_stretches
+from gpvo.folders import make_folder
 from gpvo.odometry import ClusterReport
 from gpvo.poses import StampedPoses
 from gpvo.repairs import Repair
@@ -53,7 +53,7 @@ class Result:
 
     def write(self, folder: Path | str) -> None:
         """Write all files of the result, the trajectory last."""
-        folder = prepare_folder(folder)
+        folder = make_folder(folder, FILES)
         (folder / "config.yaml").write_text(configuration_text(self.configuration))
         (folder / "metrics.json").write_text(json.dumps(self.metrics(), indent=2) + "\n")
         if self.ground_truth is not None:
@@ -111,24 +111,6 @@ class Result:
             figure = error_figure([self.evaluation], stretches=weak_stretches(self.trajectory))
             save_figure(figure, folder / "error.png")
         save_figure(path, folder / "path.png")
-
-
-def prepare_folder(folder: Path | str) -> Path:
-    """Make the folder, and remove an earlier result so that it cannot be taken for this one.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made or is a file.
-    """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in FILES:
-            (folder / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from error
-    return folder
 
 
 def evaluate_trajectory(trajectory: Trajectory, ground_truth: StampedPoses) -> Evaluation:

@@ -13,12 +13,13 @@ from gpvo.evaluation.cost import CostMeter, cost_table, write_cost
 from gpvo.evaluation.loading import load_poses
 from gpvo.evaluation.machine import machine_text
 from gpvo.evaluation.table_formats import to_rich
+from gpvo.folders import make_folder
 from gpvo.live_file import LiveFile
 from gpvo.odometry import ClusterReport, Odometry
 from gpvo.poses import StampedPoses
 from gpvo.progress import RunProgress
 from gpvo.recordings import Recording
-from gpvo.results import Result, evaluate_trajectory, prepare_folder
+from gpvo.results import FILES, Result, evaluate_trajectory
 
 
 def run_and_write(
@@ -41,7 +42,7 @@ def run_and_write(
         raise InputError(
             f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"
         )
-    folder = prepare_folder(folder)
+    folder = make_folder(folder, FILES)
     meter = CostMeter()
     odometry = Odometry(recording.rig, configuration, meter.stage)
     live = LiveFile(folder / "trajectory.tum", odometry, recording.start_ns)

@@ -14,6 +14,7 @@ from gpvo.evaluation.cost import read_cost
 from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.sources import SequenceSources, find_sources
 from gpvo.evaluation.table_formats import to_rich
+from gpvo.folders import make_folder
 
 
 def evaluate_command(
@@ -45,9 +46,11 @@ def evaluate_command(
     Raises
     ------
     InputError
-        If a file is missing or cannot be used.
+        If a file is missing or cannot be used, or the folder cannot be made.
     """
     console = console or Console()
+    if output is not None:
+        make_folder(output)
     competitors = dict(parse_competitor(text) for text in against)
     comparisons = []
     for sources in find_sources(estimate, ground_truth, competitors):

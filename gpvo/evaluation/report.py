@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from gpvo.evaluation.comparison import Comparison
 from gpvo.evaluation.plots import error_figure, path_figure, path_figure_3d, png
 from gpvo.evaluation.table_formats import LATEX_PACKAGES, to_html, to_latex, to_markdown
+from gpvo.folders import make_folder
 from gpvo.poses import StampedPoses
 
 STYLE = """
@@ -29,8 +30,14 @@ img { max-width: 100%; height: auto; display: block; margin: 1rem 0 }
 
 
 def write_report(directory: Path, comparisons: Sequence[Comparison]) -> None:
-    """Write metrics.json, tables.md, tables.tex, report.html and a folder of PNGs per sequence."""
-    directory.mkdir(parents=True, exist_ok=True)
+    """Write metrics.json, tables.md, tables.tex, report.html and a folder of PNGs per sequence.
+
+    Raises
+    ------
+    InputError
+        If a folder cannot be made.
+    """
+    make_folder(directory)
     numbers = [comparison.to_dict() for comparison in comparisons]
     _write(directory / "metrics.json", json.dumps(numbers, indent=2) + "\n")
     tables = [table for comparison in comparisons for table in comparison.tables()]
@@ -40,8 +47,7 @@ def write_report(directory: Path, comparisons: Sequence[Comparison]) -> None:
     sections = []
     for comparison in comparisons:
         images = {name: png(figure) for name, figure in comparison_figures(comparison).items()}
-        folder = directory / comparison.sequence
-        folder.mkdir(exist_ok=True)
+        folder = make_folder(directory / comparison.sequence)
         for name, image in images.items():
             (folder / f"{name}.png").write_bytes(image)
         sections.append(_html_section(comparison, images))

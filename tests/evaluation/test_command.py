@@ -90,6 +90,11 @@ def test_the_report_is_whole_and_reproducible(sequence):
     assert html.count("<table>") == 3
 
 
+def test_a_report_where_none_can_be_is_refused_at_once(sequence):
+    with pytest.raises(InputError, match=r"truth\.txt: cannot be written to"):
+        run(sequence / "results", sequence / "truth.txt", output=sequence / "truth.txt")
+
+
 def test_a_fixed_step_overrides_the_states(sequence):
     competitor = [f"ESVO={sequence / 'esvo.txt'}"]
     (comparison,), _ = run(
