@@ -22,8 +22,8 @@ class Lag:
 
     @property
     def stop(self) -> float:
-        """End of the latest cluster, seconds."""
-        return self._ends[-1]
+        """End of the latest cluster, seconds; -inf before the first."""
+        return self._ends[-1] if self._ends else -np.inf
 
     @property
     def start(self) -> float:

@@ -12,6 +12,7 @@ from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.covariance_knots import CovarianceKnots
 from gpvo.factor_graph import FactorMaker, seen_twice, state_times
 from gpvo.initialization import start_states, velocity_ahead
+from gpvo.lag import Lag
 from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
 from gpvo.robust import RobustLoss
@@ -34,6 +35,7 @@ class SlidingWindow:
         self.repairs: list[Repair] = []
         self._make = FactorMaker(camera, noise, RobustLoss(config.loss, config.loss_scale))
         self._config = config
+        self._lag = Lag(config)
         self._final: list[States] = []
         self._states = States()
         self._knots: list[CovarianceKnots] = []
@@ -54,7 +56,7 @@ class SlidingWindow:
                 return
             self._states = start_states(possible.t.min(), fit, self._make.noise)
         earlier = self._measurements
-        self._add(frame, stop, possible)
+        self._add(stop, possible)
         t = self._window_times()
         if len(t) < 2:
             return
@@ -101,13 +103,11 @@ class SlidingWindow:
         """(12,) of the pose, which is fixed, and of the twist, which the measurements tell."""
         return np.repeat([FIXED, self._make.noise.initial_velocity], 6)
 
-    def _add(self, frame: int, stop: float, measurements: Measurements) -> None:
+    def _add(self, stop: float, measurements: Measurements) -> None:
         known = Measurements.concatenate([self._measurements, measurements])
         known = known[known.t >= self._states.t[0]]
-        if self._config.lag is None:
-            self._measurements = known[known.frame > frame - self._config.window]
-        else:
-            self._measurements = known[known.t > stop - self._config.lag]
+        self._measurements = known[known.t > self._lag.start]
+        self._lag.advance(stop)
         if len(measurements) == 0:
             self._coasting = np.append(self._coasting, stop)
 

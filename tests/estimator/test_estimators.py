@@ -127,11 +127,13 @@ def test_times_a_microsecond_apart_are_states_of_their_own() -> None:
         assert np.isfinite(trajectory.T_world_cam).all()
 
 
-def test_covariance_of_the_prior_alone_is_the_wnoa_covariance() -> None:
-    """From a state that is known, the twist's variance grows by Q_c dt."""
-    seen = [*tracklets(clusters=5), *[NOTHING] * 3]
-    trajectory = estimate(seen, method="incremental")
-    start, stop = 5 * PERIOD, 8 * PERIOD
+@pytest.mark.parametrize("method", ["incremental", "fixed_lag"])
+@pytest.mark.parametrize("clusters", [3, 40])
+def test_covariance_of_the_prior_alone_is_the_wnoa_covariance(method: str, clusters: int) -> None:
+    """From a state that is known, the twist's variance grows by Q_c dt, for seconds."""
+    seen = [*tracklets(clusters=5), *[NOTHING] * clusters]
+    trajectory = estimate(seen, method=method)
+    start, stop = 5 * PERIOD, (5 + clusters) * PERIOD
     grown = trajectory.covariance(stop)[6:, 6:] - trajectory.covariance(start)[6:, 6:]
     information = wnoa_information(stop - start, NoiseConfig().acceleration_psd)
     expected = np.linalg.inv(information)[6:, 6:]

@@ -27,7 +27,7 @@ from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.states import States
 from gpvo.tracklets import Measurements
 from gpvo.unique_times import bridge_covariance
-from gpvo.window_cost import Variables, WindowCost
+from gpvo.window_cost import Columns, Variables, WindowCost
 
 NOISE = NoiseConfig()
 ANCHOR = np.diag(np.repeat([1e-3, 1.0], 6) ** 2)
@@ -91,6 +91,47 @@ def test_gradient_is_the_derivative_of_the_cost() -> None:
         step = 1e-4 * scale * rng.standard_normal(len(scale))
         change = cost.value(variables.moved(step)) - cost.value(variables.moved(-step))
         assert change == pytest.approx(4 * quadratic.g @ step, rel=1e-4, abs=1e-7)
+
+
+@pytest.mark.parametrize("unique", [False, True])
+def test_information_is_that_of_the_stacked_derivatives(unique: bool) -> None:
+    """The kernels against one dense Jacobian, and the deviations' covariance of the formula."""
+    cost, variables = window_cost(unique)
+    quadratic = cost.quadratic(variables)
+    rows, by_local = cost.stereo(variables)
+    J = np.zeros((len(rows), 3, len(quadratic.g)))
+    np.put_along_axis(J, np.repeat(cost.columns(variables)[:, None], 3, 1), rows[..., :-1], 2)
+    W = np.eye(3 * len(rows))
+    if unique:
+        t, time = variables.states.t, cost.measurements.t
+        before = np.searchsorted(t, time, "right") - 1
+        for k in np.unique(before):
+            n = np.flatnonzero(before == k)
+            spread = bridge_covariance(time[n] - t[k], t[k + 1] - t[k])[0, 0]
+            own = np.einsum("nri,i,msi->nrms", by_local[n], NOISE.acceleration_psd, by_local[n])
+            columns = (3 * n[:, None] + np.arange(3)).ravel()
+            correlated = (own * spread[:, None, :, None]).reshape(len(columns), len(columns))
+            W[np.ix_(columns, columns)] += correlated
+    J, e = J.reshape(len(W), -1), rows[..., -1].ravel()
+    nothing = replace(cost, measurements=cost.measurements[:0]).quadratic(variables)
+    H = nothing.H + J.T @ np.linalg.solve(W, J)
+    scale = np.sqrt(np.diagonal(H))
+    assert np.abs(np.triu(quadratic.H - H) / np.outer(scale, scale)).max() < 1e-12
+    g = nothing.g + J.T @ np.linalg.solve(W, e)
+    assert np.allclose(quadratic.g, g, atol=1e-9 * np.abs(g).max())
+
+
+def test_any_order_of_the_columns_is_the_same_information() -> None:
+    cost, variables = window_cost()
+    natural, columns = cost.quadratic(variables), variables.columns
+    states, landmarks = len(variables.states), len(variables.landmarks)
+    last = Columns(12 * np.arange(states), 12 * states + 3 * np.arange(landmarks))
+    other = cost.quadratic(variables, last)
+    order = np.concatenate([np.arange(12 * states) + 3 * landmarks, np.arange(3 * landmarks)])
+    assert columns.size == last.size == len(order)
+    H = np.triu(natural.H) + np.triu(natural.H, 1).T
+    assert np.allclose(np.triu(other.H), np.triu(H[np.ix_(order, order)]), rtol=1e-12)
+    assert np.allclose(other.g, natural.g[order], rtol=1e-12)
 
 
 def test_minimum_and_covariance_of_a_quadratic_and_its_marginal() -> None:
