@@ -140,6 +140,11 @@ class Aedat4:
                 f"{self.path}: the file is cut short or damaged, {(end - at) / end:.1%} of it"
                 " cannot be read; copy it again, or go on with what is intact"
             )
+        elif table_at > end:
+            self.notes.append(
+                f"{self.path}: the file is cut short, its end is missing; copy it again, or go on"
+                " with what is intact"
+            )
         return packets
 
     def _events(self, data: bytes) -> EventBlock:

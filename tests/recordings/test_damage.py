@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import struct
 from collections.abc import Callable
 
 import numpy as np
@@ -13,6 +14,7 @@ from reading import read_recording
 from recording_files import camchain
 
 from gpvo.recordings import open_recording
+from gpvo.recordings.aedat4 import MAGIC
 from gpvo.recordings.streams import EventBlock
 
 FORMATS = (
@@ -83,3 +85,19 @@ def test_a_bag_without_its_end_loses_its_end_only(intact: Intact, name: str) -> 
         assert len(block) > 0.4 * len(theirs)
         np.testing.assert_array_equal(block.t_ns, theirs.t_ns[: len(block)])
     assert any("cut short" in note and "% of the file" in note for note in recording.notes)  # type: ignore[attr-defined]
+
+
+def test_aedat4_cut_between_packets_tells_it(intact: Intact) -> None:
+    """All that is there is whole; only the header knows where the table behind it begins."""
+    sample, unfinished, expected = intact["aedat4"]
+    whole = unfinished.replace(struct.pack("<q", -1), struct.pack("<q", len(unfinished)), 1)
+    at = len(MAGIC) + 4 + struct.unpack_from("<I", whole, len(MAGIC))[0]
+    at += 8 + struct.unpack_from("<ii", whole, at)[1]
+    at += 8 + struct.unpack_from("<ii", whole, at)[1]
+    try:
+        sample.damaged.write_bytes(whole)
+        assert outcome(sample, expected, only_cut=True) == "whole"
+        sample.damaged.write_bytes(whole[:at])
+        assert outcome(sample, expected, only_cut=True) == "told"
+    finally:
+        sample.damaged.write_bytes(unfinished)
