@@ -49,8 +49,8 @@ def events_around(
     rows: EventRows, first: float, last: float, centre: Array, half: tuple[float, float]
 ) -> Array:
     """(N, 3) events from time `first` to `last`, within half sizes (u, v) of a point (2,)."""
-    low = max(0, int(np.ceil(centre[1] - half[1])))
-    high = min(len(rows.start) - 1, int(np.floor(centre[1] + half[1])) + 1)
+    low = max(0, int(np.floor(centre[1] - half[1])))
+    high = min(len(rows.start) - 1, int(np.ceil(centre[1] + half[1])) + 1)
     if high <= low:
         return np.empty((0, 3))
     found, count = np.empty((rows.start[high] - rows.start[low], 3)), 0
@@ -59,7 +59,8 @@ def events_around(
         for i in range(np.searchsorted(events[:, 2], first), len(events)):
             if events[i, 2] > last:
                 break
-            if abs(events[i, 0] - centre[0]) <= half[0]:
+            near = abs(events[i, 0] - centre[0]) <= half[0]
+            if near and abs(events[i, 1] - centre[1]) <= half[1]:
                 found[count] = events[i]
                 count += 1
     return found[:count]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,12 +56,7 @@ class Observations:
         return np.full((len(self), 2), np.nan) if self.own_times is None else self.own_times
 
     @staticmethod
-    def concatenate(parts: Sequence[Observations]) -> Observations:
-        """Join several sets of observations."""
-        return Observations(
-            np.concatenate([part.landmark for part in parts]),
-            np.concatenate([part.frame for part in parts]),
-            np.concatenate([part.left for part in parts]),
-            np.concatenate([part.right for part in parts]),
-            np.concatenate([part.times for part in parts]),
-        )
+    def concatenate(parts: Iterable[Observations]) -> Observations:
+        """Join several sets of observations, one at least."""
+        columns = [(part.landmark, part.frame, part.left, part.right, part.times) for part in parts]
+        return Observations(*(np.concatenate(column) for column in zip(*columns, strict=True)))
