@@ -32,7 +32,7 @@ def add_motion_kernel(rows: Array, state: Index, H: Array, g: Array) -> None:
     block = np.empty((24, 25))
     for k in range(len(rows)):
         block[:] = 0.0
-        _add_outer_kernel(rows[k], block)
+        _add_products_kernel(rows[k], rows[k], block)
         _add_states_kernel(block, state[k], state[k + 1], H, g)
 
 
@@ -52,15 +52,14 @@ def add_stereo_kernel(
     block = np.zeros((24, 25))
     for n in range(len(rows)):
         k = interval[n]
-        _add_outer_kernel(rows[n], block)
+        _add_products_kernel(rows[n], rows[n], block)
         for i in range(3):
-            row = landmark[n] + i
-            for r in range(3):
-                value = rows[n, r, 24 + i]
-                g[row] += value * rows[n, r, 27]
-                for j in range(i, 3):
-                    H[row, landmark[n] + j] += value * rows[n, r, 24 + j]
-                _add_row_kernel(value, rows[n, r], row, state[k], state[k + 1], H)
+            row, by_i = landmark[n] + i, rows[n, :, 24 + i]
+            cross = by_i[0] * rows[n, 0] + by_i[1] * rows[n, 1] + by_i[2] * rows[n, 2]
+            g[row] += cross[27]
+            for j in range(i, 3):
+                H[row, landmark[n] + j] += cross[24 + j]
+            _add_row_kernel(cross, row, state[k], state[k + 1], H)
         if n + 1 == len(rows) or interval[n + 1] > k:
             _add_states_kernel(block, state[k], state[k + 1], H, g)
             block[:] = 0.0
@@ -85,22 +84,18 @@ def add_bridge_kernel(
     information
         (3 m, 3 m) symmetric W, of which the upper triangle is read.
     solved
-        (3 m, 25) W times the derivatives by both states and the error.
+        (m, 3, 25) W times the derivatives by both states and the error.
     landmark, state
         First columns of the measurements' landmarks (m,) and of both states (2,).
     """
     block = np.zeros((24, 25))
     for n in range(len(rows)):
-        for r in range(3):
-            for i in range(24):
-                for j in range(25):
-                    block[i, j] += rows[n, r, i] * solved[3 * n + r, j]
+        _add_products_kernel(rows[n], solved[n], block)
         for i in range(3):
-            row = landmark[n] + i
-            for r in range(3):
-                value = rows[n, r, 24 + i]
-                g[row] += value * solved[3 * n + r, 24]
-                _add_row_kernel(value, solved[3 * n + r], row, state[0], state[1], H)
+            row, by_i = landmark[n] + i, rows[n, :, 24 + i]
+            cross = by_i[0] * solved[n, 0] + by_i[1] * solved[n, 1] + by_i[2] * solved[n, 2]
+            g[row] += cross[24]
+            _add_row_kernel(cross, row, state[0], state[1], H)
         for m in range(n, len(rows)):
             _add_landmarks_kernel(rows, information, n, m, landmark, H)
     _add_states_kernel(block, state[0], state[1], H, g)
@@ -129,29 +124,31 @@ def _add_landmarks_kernel(
 
 
 @inner_kernel
-def _add_outer_kernel(rows: Array, block: Array) -> None:
-    """Add JᵀJ and Jᵀe to a block (24, 25); rows (m, n) hold J, other columns, and e."""
-    last = rows.shape[1] - 1
-    for r in range(len(rows)):
+def _add_products_kernel(left: Array, right: Array, block: Array) -> None:
+    """Add AᵀB to a block (24, 25): A the first columns of `left`, B those of `right` and its last.
+
+    Both have rows in multiples of three, which are taken at once to read the block less often.
+    """
+    last = right.shape[1] - 1
+    for r in range(0, len(left), 3):
+        a, b, c = right[r], right[r + 1], right[r + 2]
         for i in range(24):
-            value = rows[r, i]
+            x, y, z = left[r, i], left[r + 1, i], left[r + 2, i]
             for j in range(24):
-                block[i, j] += value * rows[r, j]
-            block[i, 24] += value * rows[r, last]
+                block[i, j] += x * a[j] + y * b[j] + z * c[j]
+            block[i, 24] += x * a[last] + y * b[last] + z * c[last]
 
 
 @inner_kernel
-def _add_row_kernel(
-    value: float, by_states: Array, row: int, first: int, second: int, H: Array
-) -> None:
-    """Add a value times derivatives by two states (24,) where a landmark's row meets both."""
+def _add_row_kernel(values: Array, row: int, first: int, second: int, H: Array) -> None:
+    """Add values (24,) where a landmark's row meets the columns of two states."""
     for half in range(2):
         column = second if half else first
         for j in range(12):
             if row < column:
-                H[row, column + j] += value * by_states[12 * half + j]
+                H[row, column + j] += values[12 * half + j]
             else:
-                H[column + j, row] += value * by_states[12 * half + j]
+                H[column + j, row] += values[12 * half + j]
 
 
 @inner_kernel

@@ -131,7 +131,7 @@ class Bridge:
         rows, root = self.rows.reshape(-1, 28), self._root
         solved, _ = lapack.dpotrs(root, rows[:, _STATES_AND_ERROR], lower=1)
         information, _ = lapack.dpotri(root, lower=1, overwrite_c=1)
-        solved = np.ascontiguousarray(solved)
+        solved = np.ascontiguousarray(solved).reshape(-1, 3, 25)
         add_bridge_kernel(self.rows, information.T, solved, landmark, state, H, g)
 
     def deviations(self) -> Array:
