@@ -32,6 +32,5 @@ def are_supported(
         p, q = triangles[:, first], triangles[:, second]
         agree = np.abs(flow[p] - flow[q]).sum(axis=1) < flow_tolerance
         agree &= np.abs(disparity[p] - disparity[q]) < disparity_tolerance
-        np.add.at(support, p[agree], 1)
-        np.add.at(support, q[agree], 1)
+        support += np.bincount(np.append(p[agree], q[agree]), minlength=len(points))
     return support >= least

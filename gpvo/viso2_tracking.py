@@ -17,7 +17,7 @@ from gpvo.config import FeatureConfig, TrackingConfig
 from gpvo.features import detect, gradients, smooth
 from gpvo.matching import StereoFeatures, index_features, match_quads, quad_points
 from gpvo.observations import Observations
-from gpvo.refinement import patches, refine
+from gpvo.refinement import PATCH, patches, refine
 from gpvo.search_ranges import everywhere, near_matches
 
 Image = NDArray[np.uint8]
@@ -41,13 +41,13 @@ class _Frame:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sighting:
-    """A landmark's features in one frame."""
+class _Sightings:
+    """Landmarks (N,) that a frame shows, and their left and right features (N,)."""
 
-    landmark: int
     frame: _Frame
-    left: int
-    right: int
+    landmark: NDArray[np.int64]
+    left: NDArray[np.int64]
+    right: NDArray[np.int64]
 
 
 class Viso2Tracker:
@@ -67,11 +67,11 @@ class Viso2Tracker:
     def track(self, left: Image, right: Image) -> Observations:
         """Match a new stereo frame with the earlier ones, the latest first."""
         frame = self._new_frame(left, right)
-        sightings: list[_Sighting] = []
+        sightings = [_see(frame, *np.empty((3, 0), np.int64))]
         for earlier in reversed(self._frames):
             sightings += self._link(frame, earlier)
         self._frames.append(frame)
-        observations = self._refined(sightings)
+        observations = Observations.concatenate([self._refined(seen) for seen in sightings])
         self._forget()
         return observations
 
@@ -131,58 +131,54 @@ class Viso2Tracker:
         known = np.concatenate([frame.landmark for frame in self._frames])
         return (landmark[:, None] == known).sum(axis=1) * (landmark != NO_LANDMARK)
 
-    def _link(self, frame: _Frame, earlier: _Frame) -> list[_Sighting]:
+    def _link(self, frame: _Frame, earlier: _Frame) -> list[_Sightings]:
         """Give matched features the same landmark and return the sightings that this adds."""
         quads = self._bucketed(self._match(frame, earlier), frame, earlier)
-        added = []
-        for left, right, earlier_right, earlier_left in quads:
-            here, there = frame.landmark[left], earlier.landmark[earlier_left]
-            if here == NO_LANDMARK and there == NO_LANDMARK:
-                here = there = self._new_landmark(earlier, earlier_left)
-                added.append(self._sight(there, earlier, earlier_left, earlier_right))
-                added.append(self._sight(here, frame, left, right))
-            elif here == NO_LANDMARK and there not in frame.landmark:
-                added.append(self._sight(there, frame, left, right))
-            elif there == NO_LANDMARK and here not in earlier.landmark:
-                added.append(self._sight(here, earlier, earlier_left, earlier_right))
-        return added
+        left, right, earlier_right, earlier_left = quads.T
+        here, there = frame.landmark[left], earlier.landmark[earlier_left]
+        unknown_here, unknown_there = here == NO_LANDMARK, there == NO_LANDMARK
+        new = unknown_here & unknown_there
+        here[new] = there[new] = self._new_landmarks(earlier, earlier_left[new])
+        onward = unknown_here & ~np.isin(there, frame.landmark)
+        backward = unknown_there & ~np.isin(here, earlier.landmark)
+        return [
+            _see(earlier, here[backward], earlier_left[backward], earlier_right[backward]),
+            _see(frame, there[onward], left[onward], right[onward]),
+        ]
 
-    def _new_landmark(self, frame: _Frame, left: int) -> int:
-        point = frame.features.left.features.points[left : left + 1]
-        landmark, self._landmark_count = self._landmark_count, self._landmark_count + 1
-        self._references[landmark] = patches(frame.left_gradient, point)[0]
-        return landmark
+    def _new_landmarks(self, frame: _Frame, left: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Landmarks (N,) for left features (N,) of a frame."""
+        landmarks = self._landmark_count + np.arange(len(left))
+        self._landmark_count += len(left)
+        references = patches(frame.left_gradient, frame.features.left.features.points[left])
+        self._references.update(zip(landmarks.tolist(), references, strict=True))
+        return landmarks
 
     def _forget(self) -> None:
         """Drop the patches of landmarks that are in no frame any more."""
         known = np.unique(np.concatenate([frame.landmark for frame in self._frames])).tolist()
         self._references = {k: self._references[k] for k in known if k != NO_LANDMARK}
 
-    @staticmethod
-    def _sight(landmark: int, frame: _Frame, left: int, right: int) -> _Sighting:
-        frame.landmark[left], frame.right[left] = landmark, right
-        return _Sighting(landmark, frame, left, right)
+    def _refined(self, seen: _Sightings) -> Observations:
+        """Refined observations; those whose patch is not found again are left out."""
+        frame, how = seen.frame, self._config.refinement
+        references = [self._references[landmark] for landmark in seen.landmark.tolist()]
+        reference = np.array(references, np.uint8).reshape(-1, len(PATCH))
+        left_points = frame.features.left.features.points[seen.left]
+        right_points = frame.features.right.features.points[seen.right]
+        left, found_left = refine(frame.left_gradient, left_points, reference, how)
+        right, found_right = refine(frame.right_gradient, right_points, reference, how)
+        found = found_left & found_right & (left[:, 0] > right[:, 0])
+        number = np.full(len(seen.landmark), frame.number)
+        return Observations(seen.landmark[found], number[found], left[found], right[found])
 
-    def _refined(self, sightings: list[_Sighting]) -> Observations:
-        """Sub-pixel observations; those whose patch is not found again are left out."""
-        left = np.empty((len(sightings), 2))
-        right = np.empty((len(sightings), 2))
-        found, how = np.zeros(len(sightings), bool), self._config.refinement
-        for frame in {id(s.frame): s.frame for s in sightings}.values():
-            rows = np.array([i for i, s in enumerate(sightings) if s.frame is frame])
-            reference = np.stack([self._references[sightings[i].landmark] for i in rows])
-            left_points = frame.features.left.features.points[[sightings[i].left for i in rows]]
-            right_points = frame.features.right.features.points[[sightings[i].right for i in rows]]
-            left[rows], found_left = refine(frame.left_gradient, left_points, reference, how)
-            right[rows], found_right = refine(frame.right_gradient, right_points, reference, how)
-            found[rows] = found_left & found_right
-        found &= left[:, 0] > right[:, 0]
-        return Observations(
-            np.array([s.landmark for s in sightings], np.int64)[found],
-            np.array([s.frame.number for s in sightings], np.int64)[found],
-            left[found],
-            right[found],
-        )
+
+def _see(
+    frame: _Frame, landmark: NDArray[np.int64], left: NDArray[np.int64], right: NDArray[np.int64]
+) -> _Sightings:
+    """Note landmarks (N,) in a frame."""
+    frame.landmark[left], frame.right[left] = landmark, right
+    return _Sightings(frame, landmark, left, right)
 
 
 def _detect(left: Image, right: Image, config: FeatureConfig) -> StereoFeatures:
