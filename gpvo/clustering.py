@@ -157,11 +157,25 @@ def rectify(
     events: Events, table: NDArray[np.float32], resolution: tuple[int, int]
 ) -> RectifiedEvents:
     """The events that rectification leaves in the image; arguments as of `event_image`."""
-    points = table[events.y, events.x].astype(np.float64)
-    with np.errstate(invalid="ignore"):  # some tables hold NaN
-        nearest = np.rint(points)
-        inside = ((nearest >= 0) & (nearest < resolution)).all(axis=1)
+    points, inside = np.empty((len(events), 2)), np.empty(len(events), np.bool_)
+    _rectify(events.x, events.y, table, resolution, points, inside)
     return RectifiedEvents(points[inside], events.t[inside], events.polarity[inside])
+
+
+@njit(cache=True)
+def _rectify(
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    table: NDArray[np.float32],
+    resolution: tuple[int, int],
+    points: NDArray[np.float64],
+    inside: NDArray[np.bool_],
+) -> None:
+    width, height = resolution
+    for i in range(len(x)):
+        u, v = table[y[i], x[i]]
+        points[i] = u, v
+        inside[i] = 0 <= np.rint(u) < width and 0 <= np.rint(v) < height  # some tables hold NaN
 
 
 @njit(cache=True)

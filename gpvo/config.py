@@ -54,11 +54,11 @@ class KltConfig(StageConfig):
     """Features followed around the quad by the patch that surrounds them (Lucas-Kanade)."""
 
     smoothing: float = Field(
-        1.0, gt=0, description="Standard deviation of the Gaussian blur of binary frames, pixels."
+        0.7, gt=0, description="Standard deviation of the Gaussian blur of event images, pixels."
     )
     patch_size: int = Field(31, ge=5, description="Side of the patch, pixels.")
     pyramid_levels: int = Field(3, ge=0, description="Coarser pyramid levels above the image.")
-    max_features: int = Field(120, ge=1, description="Features per frame and resolution.")
+    max_features: int = Field(200, ge=1, description="Features per frame and resolution.")
     spacing: int = Field(8, ge=1, description="Smallest distance between features, pixels.")
     closure_tolerance: float = Field(
         0.5, gt=0, description="How near to its start a quad must end, pixels."
@@ -229,7 +229,7 @@ class TrackingConfig(StageConfig):
         "takes both; with patches the half one costs twice the time and gains nothing.",
     )
     image: Literal["binary", "time_surface", "motion_compensated"] = Field(
-        "binary",
+        "motion_compensated",
         description="What is tracked of a cluster's events: that there was one, as in the paper, "
         "how late in the cluster the latest one was, or how many there were where they would have "
         "been in the cluster's middle.",

@@ -62,7 +62,7 @@ class CompensatedImage:
     @property
     def picture(self) -> NDArray[np.uint8]:
         """(height, width) image that tends to 255 as events per pixel grow."""
-        return np.rint(255 * (1 - np.exp(-self.count))).astype(np.uint8)
+        return np.rint(255 * (1 - np.exp(-self.count.astype(np.float32)))).astype(np.uint8)
 
     def at_own_times(self, points: Array, radius: float) -> tuple[Array, Array]:
         """Points (N, 2) of the picture where they were at the mean times (N,) of their events.
@@ -151,7 +151,7 @@ def flow_between(
     columns, rows = (CELL * (np.arange(-(-side // CELL)) + 0.5) - 0.5 for side in (width, height))
     across = np.exp(-(((columns[:, None] - later[:, 0]) / reach) ** 2) / 2)
     down = np.exp(-(((rows[:, None] - later[:, 1]) / reach) ** 2) / 2)
-    total = np.einsum("rn,nk,cn->rck", down, motion, across, optimize=True)
+    total = np.stack([(down * part) @ across.T for part in motion.T], axis=-1)
     mean = (total + PULL * np.median(motion, axis=0)) / (down @ across.T + PULL)[..., None]
     large = cv2.resize(mean.astype(np.float32), (len(columns) * CELL, len(rows) * CELL))
     return np.asarray(large[:height, :width], np.float32)
