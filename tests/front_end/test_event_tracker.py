@@ -21,6 +21,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from gpvo import Odometry
+from gpvo.calibration import Camera, StereoRig
 from gpvo.clustering import EventImage, RectifiedEvents, StereoCluster
 from gpvo.config import Configuration, EventTrackerConfig, TrackingConfig
 from gpvo.event_tracking import EventTracker
@@ -173,6 +175,19 @@ def test_events_outside_the_image_change_nothing() -> None:
 def test_swapped_cameras_have_no_landmarks() -> None:
     swapped = [replace(c, left=c.right, right=c.left) for c in map(cluster, range(2))]
     assert sum(map(len, tracked(swapped))) < 0.05 * len(plane_observations())
+
+
+def test_the_odometry_finds_the_motion_of_the_camera() -> None:
+    lens = Camera((WIDTH, HEIGHT), np.array([200.0, 200, 120, 90]), "none", np.zeros(4), np.eye(3))
+    rig = StereoRig(lens, lens, CAMERA.fx, (CAMERA.cx, CAMERA.cy), CAMERA.baseline)
+    odometry = Odometry(rig, Configuration(tracking=TrackingConfig(tracker="event")))
+    for k in range(FRAMES):
+        report = odometry.process(cluster(k))
+    assert report.inliers > 60 and report.measurements > 60
+    trajectory = odometry.trajectory()
+    assert trajectory is not None
+    velocity = trajectory.velocity(FRAME * (FRAMES - 0.5))
+    np.testing.assert_allclose(velocity, PLANE.twist / FRAME, atol=0.02)
 
 
 def test_configuration_is_checked() -> None:

@@ -1,0 +1,60 @@
+"""One front end for odometry and inspection, and trackers of the user's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gpvo import Odometry
+from gpvo.clustering import StereoCluster
+from gpvo.config import Configuration, TrackingConfig
+from gpvo.inspection import inspect
+from gpvo.inspection_truth import truth_of_simulation
+from gpvo.observations import Observations
+from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
+from gpvo.tracking import make_tracker
+
+FEW = Configuration.model_validate({"tracking": {"klt": {"max_features": 40}}})
+
+
+@pytest.fixture(scope="module")
+def recording() -> SimulatedRecording:
+    return simulate(
+        SimulationConfig(
+            seed=3, motion="fast", duration=0.25, resolution=(160, 120), focal_length=100.0
+        )
+    )
+
+
+def test_inspection_sees_what_the_odometry_does(recording: SimulatedRecording) -> None:
+    odometry = Odometry(recording.rig, FEW)
+    odometry.run(recording)
+    seen = inspect(recording, truth_of_simulation(recording), FEW)
+    assert sum(report.inliers for report in odometry.reports) > 20
+    assert [(c.start, c.stop, c.features) for c in seen] == [
+        (r.start, r.stop, r.observations) for r in odometry.reports
+    ]
+    assert [(len(c.tracklets), c.tracklets.accepted.sum()) for c in seen] == [
+        (r.tracklets, r.inliers) for r in odometry.reports
+    ]
+
+
+class Wrapped:
+    """A tracker of a user's: that of the configuration, which notes what it is given."""
+
+    def __init__(self) -> None:
+        self.clusters: list[StereoCluster] = []
+        self._tracker = make_tracker(TrackingConfig.model_validate(FEW.tracking))
+
+    def track(self, cluster: StereoCluster) -> Observations:
+        self.clusters.append(cluster)
+        return self._tracker.track(cluster)
+
+
+def test_any_object_may_be_the_tracker(recording: SimulatedRecording) -> None:
+    mine = Wrapped()
+    own, usual = Odometry(recording.rig, FEW, tracker=mine), Odometry(recording.rig, FEW)
+    poses = [each.run(recording).pose(np.linspace(0.15, 0.2, 5)) for each in (own, usual)]
+    assert len(mine.clusters) == len(own.reports)
+    assert own.reports == usual.reports
+    np.testing.assert_array_equal(*poses)
