@@ -16,6 +16,9 @@ with suppress(ImportError):  # h5py reads everything, too
 
 DEFLATE, SHUFFLE = h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE
 
+LARGEST_OVERHEAD = 1024
+"""Bytes that gzip adds to what it cannot pack, generously."""
+
 
 def unpacked_rows(
     dataset: h5py.Dataset, first_row: int, stop_row: int, column: int | None = None
@@ -38,14 +41,14 @@ def unpacked_rows(
     if filters not in ([DEFLATE], [SHUFFLE, DEFLATE]):
         return None
     before = first_row % size
+    starts = range(first_row - before, stop_row, size)
+    chunks = np.empty((len(starts), size, dataset.dtype.itemsize), np.uint8)
     try:
-        chunks = [
-            _chunk(dataset, (row, *columns), SHUFFLE in filters)
-            for row in range(first_row - before, stop_row, size)
-        ]
+        for row, chunk in zip(starts, chunks, strict=True):
+            _unpack(dataset, (row, *columns), SHUFFLE in filters, chunk)
     except (OSError, RuntimeError, ValueError, zlib_ng.error):
         return None
-    return np.concatenate(chunks)[before : before + stop_row - first_row]
+    return chunks.reshape(-1).view(dataset.dtype)[before : before + stop_row - first_row]
 
 
 def _filters(dataset: h5py.Dataset) -> list[int]:
@@ -53,16 +56,19 @@ def _filters(dataset: h5py.Dataset) -> list[int]:
     return [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
 
 
-def _chunk(dataset: h5py.Dataset, offset: tuple[int, ...], shuffled: bool) -> NDArray[Any]:
-    """All rows of a chunk, even those behind the end of the dataset."""
+def _unpack(
+    dataset: h5py.Dataset, offset: tuple[int, ...], shuffled: bool, chunk: NDArray[np.uint8]
+) -> None:
+    """Fill a chunk (rows, bytes of an item), even its rows behind the end of the dataset."""
+    size = dataset.id.get_chunk_info_by_coord(offset).size
+    if not 0 < size <= 2 * chunk.size + LARGEST_OVERHEAD:
+        raise ValueError("the chunk was never written, or its entry in the index is damaged")
     left_out, packed = dataset.id.read_direct_chunk(offset)
-    rows, width = dataset.chunks[0], dataset.dtype.itemsize
-    data = np.frombuffer(zlib_ng.decompress(packed, bufsize=rows * width), np.uint8)
-    if left_out or len(data) != rows * width:
+    data = np.frombuffer(zlib_ng.decompress(packed, bufsize=chunk.size), np.uint8)
+    if left_out or len(data) != chunk.size:
         raise ValueError("a filter was left out, or the chunk is not whole")
     if shuffled:
-        planes = data.reshape(width, rows)
-        data = np.empty((rows, width), np.uint8)
-        for byte, plane in enumerate(planes):  # twice as fast as to copy its transpose
-            data[:, byte] = plane
-    return data.reshape(-1).view(dataset.dtype)
+        for byte, plane in enumerate(data.reshape(chunk.shape[::-1])):
+            chunk[:, byte] = plane
+    else:
+        chunk[:] = data.reshape(chunk.shape)
