@@ -1,50 +1,83 @@
-"""Front ends compared on recordings with known motion: trackers, event images, filters, times.
+"""Front ends compared on recordings with known motion: every default against its alternatives.
 
 Run as `python -m benchmarks.front_end`; `--recording FILE --calibration FILE --ground-truth FILE`
-adds a recording of yours to the simulated ones. Columns are those of `gpvo inspect`.
+adds a recording of yours to the simulated ones. A table for every recording, then how each front
+end compares with the default over all of them.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, fields
 from typing import Any
 
 import cv2
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.known_motion import KnownRecording, known_recordings, parse_options
+from gpvo import Odometry
 from gpvo.config import Configuration
-from gpvo.evaluation.loading import load_poses
+from gpvo.errors import InputError
 from gpvo.inspection import inspect
 from gpvo.inspection_summary import summarize
-from gpvo.inspection_truth import Truth, truth_of_poses, truth_of_simulation
-from gpvo.recordings import Recording, open_recording
-from gpvo.simulation.recording import SimulationConfig, simulate
+from gpvo.results import evaluate_trajectory
+from gpvo.simulation.recording import SimulationConfig
 
-FRONT_ENDS: dict[str, dict[str, Any]] = {
-    "default": {},
-    "viso2": {"tracking": {"tracker": "viso2", "features": {"response_threshold": 1500}}},
-    "time surface": {"tracking": {"image": "time_surface"}},
-    "background filter 20 ms": {"clustering": {"background_filter": 0.02}},
-    "background filter 5 ms": {"clustering": {"background_filter": 0.005}},
-    "hot pixels masked": {"clustering": {"hot_pixel_ratio": 10}},
-    "10 000 events": {"clustering": {"max_events": 10_000}},
-    "40 000 events": {"clustering": {"max_events": 40_000}},
-    "nearest event's time": {"tracklets": {"time_radius": 0}},
-    "half resolution too": {"tracking": {"resolutions": [1, 2]}},
-    "smoothing 1.5 px": {"tracking": {"klt": {"smoothing": 1.5}}},
-    "patch 21 px": {"tracking": {"klt": {"patch_size": 21}}},
-    "patch 41 px": {"tracking": {"klt": {"patch_size": 41}}},
+DEFAULT = "default"
+Fields = Mapping[str, Any]
+FRONT_ENDS: dict[str, dict[str, Fields]] = {
+    "": {DEFAULT: {}},
+    "tracker": {
+        "viso2": {"tracking": {"tracker": "viso2", "features": {"response_threshold": 1500}}},
+        "event": {"tracking": {"tracker": "event"}},
+    },
+    "event image": {
+        "binary": {"tracking": {"image": "binary"}},
+        "time surface": {"tracking": {"image": "time_surface"}},
+    },
+    "time": {
+        "events within 8 px": {"tracking": {"compensation": {"time_radius": 8}}},
+        "binary, nearest event": {
+            "tracking": {"image": "binary"},
+            "tracklets": {"time_radius": 0},
+        },
+    },
+    "cluster": {
+        "10 000 events": {"clustering": {"max_events": 10_000}},
+        "40 000 events": {"clustering": {"max_events": 40_000}},
+        "adaptive, 2.2 px": {"clustering": {"max_events": 80_000, "max_thickness": 2.2}},
+        "adaptive, 2.6 px": {"clustering": {"max_events": 80_000, "max_thickness": 2.6}},
+    },
+    "filter": {
+        "background, 20 ms": {"clustering": {"background_filter": 0.02}},
+        "background, 5 ms": {"clustering": {"background_filter": 0.005}},
+        "hot pixels": {"clustering": {"hot_pixel_ratio": 10}},
+    },
+    "patch": {
+        "21 px": {"tracking": {"klt": {"patch_size": 21}}},
+        "41 px": {"tracking": {"klt": {"patch_size": 41}}},
+        "blur 0.5 px": {"tracking": {"klt": {"smoothing": 0.5}}},
+        "blur 1 px": {"tracking": {"klt": {"smoothing": 1.0}}},
+    },
+    "features": {
+        "120": {"tracking": {"klt": {"max_features": 120}}},
+        "300": {"tracking": {"klt": {"max_features": 300, "spacing": 6}}},
+        "half resolution too": {"tracking": {"resolutions": [1, 2]}},
+    },
 }
+BY_NAME = {name: fields for group in FRONT_ENDS.values() for name, fields in group.items()}
 SIMULATIONS = {
-    "fast": SimulationConfig(seed=11, motion="fast", duration=1.5, noise_rate=0.5),
-    "noisy": SimulationConfig(
-        seed=12,
+    "simulated, turning fast": SimulationConfig(seed=11, motion="rotation", noise_rate=0.5),
+    "simulated, to and fro": SimulationConfig(
+        seed=12, motion="back_and_forth", noise_rate=0.5, boxes=3
+    ),
+    "simulated, noisy": SimulationConfig(
+        seed=13,
         motion="hand_held",
-        duration=1.5,
         noise_rate=3.0,
         threshold=0.3,
         threshold_sigma=0.06,
@@ -53,73 +86,130 @@ SIMULATIONS = {
 }
 
 
-def recordings(options: argparse.Namespace) -> Iterator[tuple[str, Recording, Truth]]:
-    """Names, recordings and their truth."""
-    if options.recording is not None:
-        opened = open_recording(options.recording, options.calibration)
-        poses = load_poses(options.ground_truth, opened.rig)
-        yield options.recording.stem, opened, truth_of_poses(poses, opened.start_ns)
-    for name, config in SIMULATIONS.items():
-        recording = simulate(config)
-        yield name, recording, truth_of_simulation(recording)
+@dataclass(frozen=True)
+class Quality:
+    """What a front end achieves on one recording; the numbers are those of `gpvo inspect`."""
+
+    true_inliers: float  # in the median cluster
+    precision: float  # of MC-RANSAC
+    recall: float
+    left: float  # RMS error of inliers, pixels
+    disparity: float
+    slope: float  # of measured on true image motion
+    angular: float  # RMS error of MC-RANSAC's velocity, rad/s
+    linear: float  # m/s
+    relative: float  # RMS error of the trajectory over 10 ms
+    final: float  # share of the path
+    cost: float  # CPU seconds of the front end per second
 
 
-def compare(name: str, recording: Recording, truth: Truth, options: argparse.Namespace) -> Table:
-    """All front ends on a part of one recording."""
-    table = Table(
-        "front end",
-        "inliers",
-        "precision",
-        "recall",
-        "rms px",
-        "disparity",
-        "slope",
-        "ω",
-        "v",
-        "s/s",
+HEADINGS = ("inliers", "precision", "recall", "px", "d px", "slope", "ω", "v", "rel.", "final")
+FORMATS = ("{:.0f}", "{:.4f}", "{:.3f}", "{:.2f}", "{:.2f}", "{:.4f}", "{:.3f}", "{:.3f}")
+RELATIVE_FORMATS = ("{:.2e}", "{:.2%}", "{:.2f}")
+
+
+def quality(known: KnownRecording, configuration: Configuration) -> Quality:
+    """Inspect a front end, and see where the default estimator gets with it."""
+    part = (known.start, known.duration)
+    began = time.process_time()
+    summary = summarize(inspect(known.recording, known.truth, configuration, *part))
+    cost = (time.process_time() - began) / known.duration
+    ransac, errors = summary["MC-RANSAC"], summary["inlier errors"]
+    return Quality(
+        ransac["true_inliers_median"],
+        ransac["precision"],
+        ransac["recall"],
+        errors["left_rms_px"],
+        errors["disparity_rms_px"],
+        summary["flow"]["slope"],
+        ransac["iterative_angular_rms_rad_s"],
+        ransac["iterative_linear_rms_m_s"],
+        *trajectory_errors(known, configuration),
+        cost,
     )
-    table.title = name
-    seconds = min(options.duration, recording.duration)
-    start = min(options.start, recording.duration - seconds)
-    for label in options.front_ends:
-        configuration = Configuration.model_validate(FRONT_ENDS[label])
-        began = time.process_time()
-        summary = summarize(inspect(recording, truth, configuration, start, seconds))
-        spent = time.process_time() - began
-        ransac, errors = summary["MC-RANSAC"], summary["inlier errors"]
-        table.add_row(
-            label,
-            f"{ransac['true_inliers_median']:.0f}",
-            f"{ransac['precision']:.4f}",
-            f"{ransac['recall']:.3f}",
-            f"{errors['left_rms_px']:.3f}",
-            f"{errors['disparity_rms_px']:.3f}",
-            f"{summary['flow']['slope']:.4f}",
-            f"{ransac['iterative_angular_rms_rad_s']:.3f}",
-            f"{ransac['iterative_linear_rms_m_s']:.3f}",
-            f"{spent / seconds:.2f}",
-        )
+
+
+def trajectory_errors(known: KnownRecording, configuration: Configuration) -> tuple[float, float]:
+    """RMS relative error, and final error as a share of the path; NaN where tracking failed."""
+    try:
+        odometry = Odometry(known.recording.rig, configuration)
+        trajectory = odometry.run(known.recording, known.start, known.duration)
+    except InputError:
+        return np.nan, np.nan
+    evaluation = evaluate_trajectory(trajectory, known.ground_truth)
+    relative = evaluation.relative_error.norms["se3"]
+    path = evaluation.distances[-1]
+    final = evaluation.global_error.norms["translation"][-1]
+    return float(np.sqrt(np.mean(relative**2))), final / path if path > 0 else np.nan
+
+
+def configuration_of(name: str) -> Configuration:
+    """That of a front end, with states at intervals as fits the cost of a benchmark."""
+    return Configuration.model_validate({**BY_NAME[name], "estimator": {"state_interval": 0.025}})
+
+
+def recording_table(name: str, results: Mapping[str, Quality]) -> Table:
+    """Front ends on one recording."""
+    table = Table("", "front end", *HEADINGS, "s/s", title=name)
+    formats = FORMATS + RELATIVE_FORMATS
+    for group, label in _rows(results):
+        values = astuple(results[label])
+        cells = [form.format(value) for form, value in zip(formats, values, strict=True)]
+        table.add_row(group, label, *cells, end_section=_is_last(label, results))
     return table
 
 
+def summary_table(results: Sequence[Mapping[str, Quality]]) -> Table:
+    """Front ends over the default: geometric means over the recordings of what counts."""
+    title = f"times the default's, over {len(results)} recordings"
+    table = Table("", "front end", "inliers", "px", "ω, v", "rel.", "final", "s/s", title=title)
+    for group, label in _rows(results[0]):
+        of = {field.name: _ratio(field.name, label, results) for field in fields(Quality)}
+        velocity = np.sqrt(of["angular"] * of["linear"])
+        shown = (of["true_inliers"], of["left"], velocity, of["relative"], of["final"], of["cost"])
+        cells = [f"{value:.2f}" for value in shown]
+        table.add_row(group, label, *cells, end_section=_is_last(label, results[0]))
+    return table
+
+
+def _ratio(field: str, label: str, results: Sequence[Mapping[str, Quality]]) -> float:
+    """Geometric mean of a front end's number over the default's, where both are known."""
+    numbers = np.array([[getattr(r[name], field) for name in (label, DEFAULT)] for r in results])
+    known = (np.isfinite(numbers) & (numbers > 0)).all(axis=1)
+    if not known.any():
+        return np.nan
+    return float(np.exp(np.mean(np.log(numbers[known, 0] / numbers[known, 1]))))
+
+
+def _rows(results: Mapping[str, Quality]) -> list[tuple[str, str]]:
+    """Group (for the first of it) and name of the front ends that have results."""
+    rows = []
+    for group, members in FRONT_ENDS.items():
+        present = [name for name in members if name in results]
+        rows += [(group if index == 0 else "", name) for index, name in enumerate(present)]
+    return rows
+
+
+def _is_last(label: str, results: Mapping[str, Quality]) -> bool:
+    """Whether a front end is the last of its group."""
+    members = next(group for group in FRONT_ENDS.values() if label in group)
+    return [name for name in members if name in results][-1] == label
+
+
 def main() -> None:
-    """Print a table for every recording."""
+    """Print a table for every recording, and one over all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--recording", type=Path)
-    parser.add_argument("--calibration", type=Path)
-    parser.add_argument("--ground-truth", type=Path)
-    parser.add_argument("--start", type=float, default=2.0, help="seconds to skip")
-    parser.add_argument("--duration", type=float, default=1.5, help="seconds of each")
     parser.add_argument(
-        "--front-ends", nargs="+", choices=FRONT_ENDS, default=list(FRONT_ENDS), metavar="NAME"
+        "--front-ends", nargs="+", choices=BY_NAME, default=list(BY_NAME), metavar="NAME"
     )
-    options = parser.parse_args()
-    if options.recording is not None and options.ground_truth is None:
-        parser.error("--recording needs --ground-truth")
+    options = parse_options(parser)
     cv2.setNumThreads(1)
-    console = Console()
-    for name, recording, truth in recordings(options):
-        console.print(compare(name, recording, truth, options))
+    console, results = Console(), []
+    names = [DEFAULT, *(name for name in options.front_ends if name != DEFAULT)]
+    for known in known_recordings(options, SIMULATIONS):
+        results.append({name: quality(known, configuration_of(name)) for name in names})
+        console.print(recording_table(known.name, results[-1]))
+    console.print(summary_table(results))
 
 
 if __name__ == "__main__":

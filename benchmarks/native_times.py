@@ -1,9 +1,10 @@
 """The paper's thesis as an experiment: does it pay to keep every measurement's own time?
 
-Run as `python -m benchmarks.native_times`. On simulated recordings the same image points are given
+Run as `python -m benchmarks.native_times`; `--recording FILE --calibration FILE --ground-truth
+FILE` adds a recording of yours to the simulated ones. The same image points are given
 
 - times: those of their patches, of their nearest events (the paper), or grouped, the cluster's
-  middle for all;
+  middle for all; in the last row the points are those of motion-compensated images, the default;
 - an outlier rejection: MC-RANSAC, or RANSAC of one transform between two clusters (OpenCV);
 - an estimator: the WNOA Gaussian process, or discrete poses, without motion prior and joined by
   straight lines.
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.known_motion import KnownRecording, known_recordings, parse_options
 from benchmarks.mc_ransac import frame_based_inliers
 from factors.stereo import StereoCamera
 from gpvo.clustering import EventImage, StereoCluster, cluster_events
@@ -29,20 +31,24 @@ from gpvo.estimators import make_estimator
 from gpvo.evaluation import Evaluation, evaluate
 from gpvo.mc_ransac import Segments, VelocityFit, iterative_mc_ransac, mc_ransac
 from gpvo.observations import Observations
+from gpvo.poses import StampedPoses
+from gpvo.recordings import Recording
 from gpvo.results import STEP, evaluate_trajectory
-from gpvo.simulation.motion import MotionName
-from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
-from gpvo.tracking import MultiResolutionTracker
+from gpvo.simulation.recording import SimulationConfig
+from gpvo.tracking import make_tracker
 from gpvo.tracklets import Tracklets
 from gpvo.trajectory import Trajectory
 
-MOTIONS: tuple[MotionName, ...] = ("fast", "rotation", "back_and_forth")
+SIMULATIONS = {
+    motion: SimulationConfig(seed=11, motion=motion, noise_rate=0.5)
+    for motion in ("fast", "rotation", "back_and_forth")
+}
 INFORMATION = (10.0, 10.0, 10.0)
 """Inverse square of the 0.3 pixels that `gpvo inspect` finds."""
 BASE = {
     "estimator": {"state_interval": 0.01},
     "noise": {"measurement_information": INFORMATION},
-    "tracking": {"klt": {"max_features": 80}},
+    "tracking": {"image": "binary", "klt": {"max_features": 80}},
 }
 NO_PRIOR = tuple(1e6 * value for value in Configuration().noise.acceleration_psd)
 
@@ -53,7 +59,7 @@ Tracked = list[tuple[StereoCluster, Observations]]
 class Variant:
     """One way from image points to poses."""
 
-    times: str  # "patch", "nearest" or "grouped"
+    times: str  # "patch", "nearest", "grouped" or "compensated"
     rejection: str  # "MC-RANSAC" or "frame-based"
     estimator: str  # "WNOA" or "discrete"
 
@@ -79,13 +85,16 @@ VARIANTS = (
     Variant("grouped", "frame-based", "WNOA"),
     Variant("grouped", "MC-RANSAC", "discrete"),
     Variant("grouped", "frame-based", "discrete"),
+    Variant("compensated", "MC-RANSAC", "WNOA"),
 )
 
 
-def track(recording: SimulatedRecording, configuration: Configuration) -> Tracked:
-    """Clusters and what the tracker sees in them, once for all variants."""
-    tracker = MultiResolutionTracker(configuration.tracking)
-    clusters = cluster_events(recording.slabs(), recording.rig, configuration.clustering)
+def track(known: KnownRecording, image: str) -> Tracked:
+    """Clusters and what the tracker sees in their images, once for all variants."""
+    config = Configuration.model_validate(BASE)
+    tracker = make_tracker(config.tracking.model_copy(update={"image": image}))
+    slabs = known.recording.slabs(known.start, known.start + known.duration)
+    clusters = cluster_events(slabs, known.recording.rig, config.clustering)
     return [(cluster, tracker.track(cluster)) for cluster in clusters]
 
 
@@ -101,9 +110,7 @@ def grouped(cluster: StereoCluster) -> StereoCluster:
     return replace(cluster, left=flat(cluster.left), right=flat(cluster.right))
 
 
-def run(
-    recording: SimulatedRecording, tracked: Tracked, variant: Variant
-) -> tuple[Trajectory, int]:
+def run(recording: Recording, tracked: Tracked, variant: Variant) -> tuple[Trajectory, int]:
     """The trajectory and the median number of inliers."""
     config, rig = variant.configuration, recording.rig
     camera = StereoCamera(rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline)
@@ -164,12 +171,11 @@ def one_transform_inliers(
     return inliers
 
 
-def errors(variant: Variant, trajectory: Trajectory, recording: SimulatedRecording) -> Evaluation:
+def errors(variant: Variant, trajectory: Trajectory, truth: StampedPoses) -> Evaluation:
     """Asked every 10 ms, or, of discrete poses, interpolated linearly."""
     if variant.estimator == "WNOA":
-        return evaluate_trajectory(trajectory, recording.ground_truth)
+        return evaluate_trajectory(trajectory, truth)
     poses = trajectory.stamped_poses(trajectory.t)
-    truth = recording.ground_truth
     first, last = (
         max(poses.stamps_ns[0], truth.stamps_ns[0]),
         min(poses.stamps_ns[-1], truth.stamps_ns[-1]),
@@ -178,22 +184,20 @@ def errors(variant: Variant, trajectory: Trajectory, recording: SimulatedRecordi
     return evaluate(poses.interpolate(stamps), truth, stamps_ns=stamps)
 
 
-def table(motion: MotionName, duration: float, seed: int) -> Table:
+def table(known: KnownRecording) -> Table:
     """All variants on one recording."""
-    recording = simulate(
-        SimulationConfig(seed=seed, motion=motion, duration=duration, noise_rate=0.5)
-    )
-    tracked = track(recording, Configuration.model_validate(BASE))
+    tracked = {image: track(known, image) for image in ("binary", "motion_compensated")}
     rows = Table("times", "rejection", "estimator", "inliers", "relative", "global [m]", "final")
-    rows.title = f"{recording.path.name}, {duration:g} s"
+    rows.title = f"{known.name}, {known.duration:g} s"
     for variant in VARIANTS:
-        trajectory, inliers = run(recording, tracked, variant)
+        image = "motion_compensated" if variant.times == "compensated" else "binary"
+        trajectory, inliers = run(known.recording, tracked[image], variant)
         rows.add_row(
             variant.times,
             variant.rejection,
             variant.estimator,
             str(inliers),
-            *_numbers(errors(variant, trajectory, recording)),
+            *_numbers(errors(variant, trajectory, known.ground_truth)),
         )
     return rows
 
@@ -211,14 +215,11 @@ def _numbers(evaluation: Evaluation) -> Sequence[str]:
 def main() -> None:
     """Print a table for every motion."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--motions", nargs="+", default=list(MOTIONS))
-    parser.add_argument("--duration", type=float, default=1.5, help="seconds of each")
-    parser.add_argument("--seed", type=int, default=11)
-    options = parser.parse_args()
+    options = parse_options(parser)
     cv2.setNumThreads(1)
     console = Console()
-    for motion in options.motions:
-        console.print(table(motion, options.duration, options.seed))
+    for known in known_recordings(options, SIMULATIONS):
+        console.print(table(known))
 
 
 if __name__ == "__main__":
