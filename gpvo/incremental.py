@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -81,10 +80,9 @@ class IncrementalSmoother:
         self._own: list[gtsam.NonlinearFactor] = []
         self._new: list[gtsam.NonlinearFactor] = []
         self._leave_before = -np.inf
-        # Callbacks are faster for factors that Python keeps alive.
-        self._factors: deque[list[gtsam.NonlinearFactor]] = deque(maxlen=2 * config.window)
-        # Of states at key times the cheaper factorization makes sure, of those microseconds apart
-        # GTSAM's test of its pivots does not.
+        # Callbacks are faster for factors that Python keeps alive, by the time of the update.
+        self._factors: dict[float, list[gtsam.NonlinearFactor]] = {}
+        # GTSAM's Cholesky is the faster one, but rejects states that are microseconds apart.
         self._start_smoother("CHOLESKY" if config.state_interval > 0 else "QR")
 
     def update(
@@ -241,15 +239,17 @@ class IncrementalSmoother:
 
     def _update(self, increment: _Increment) -> None:
         """Update the smoother, and take over its estimate of the states in the window."""
-        self._factors.append(increment.factors)
-        self._smoother.setSmootherLag(self._states.t[-1] - self._leave_before + SAME_TIME)
+        newest = float(self._states.t[-1])
+        active = {t: kept for t, kept in self._factors.items() if t >= self._leave_before}
+        self._factors = active | {newest: active.get(newest, []) + increment.factors}
+        self._smoother.setSmootherLag(newest - self._leave_before + SAME_TIME)
         self._smoother.update(increment.graph, increment.values, increment.stamps)
         estimate = self._smoother.calculateEstimate()
         left = next(n for n, k in enumerate(self.window) if estimate.exists(X(k)))
-        newest = states_of(estimate, self.window[left:], self._states.t[left:])
-        self._check_landmarks(estimate, newest)
+        states = states_of(estimate, self.window[left:], self._states.t[left:])
+        self._check_landmarks(estimate, states)
         self._active = estimate
-        self._let_go(left, newest)
+        self._let_go(left, states)
 
     def _let_go(self, count: int, newest: States) -> None:
         """The first states are final; the others are now where the newest estimate has them."""
