@@ -23,12 +23,12 @@ def moved_points(points: Array, dt: Array, velocity: Array) -> Array:
     """Where static points (N, 3) are in the camera frame after dt (N,): Exp(-dt v) p."""
     moved = np.empty_like(points)
     for i in range(len(points)):
-        moved[i] = _move(points[i, 0], points[i, 1], points[i, 2], dt[i], velocity)
+        moved[i] = move(points[i, 0], points[i, 1], points[i, 2], dt[i], velocity)
     return moved
 
 
 @njit(cache=True)
-def _move(x: float, y: float, z: float, dt: float, velocity: Array) -> tuple[float, float, float]:
+def move(x: float, y: float, z: float, dt: float, velocity: Array) -> tuple[float, float, float]:
     """Exp(-dt v) p."""
     fx, fy, fz = -dt * velocity[0], -dt * velocity[1], -dt * velocity[2]
     series = _rotation_series(fx * fx + fy * fy + fz * fz)
@@ -223,7 +223,7 @@ def _count_turns(columns: Array, start: int, stop: int, camera: Array, velocity:
     count = 0
     for i in range(start, stop):
         x, y, z = columns[0, i], columns[1, i], columns[2, i]
-        count += _is_inlier(_move(x, y, z, columns[6, i], velocity), columns, i, camera)
+        count += _is_inlier(move(x, y, z, columns[6, i], velocity), columns, i, camera)
     return count
 
 

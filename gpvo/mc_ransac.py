@@ -16,6 +16,7 @@ from factors.lie import se3_exp, se3_left_jacobian, skew
 from factors.stereo import StereoCamera
 from gpvo.config import McRansacConfig
 from gpvo.constant_velocity import best_sample_velocity, moved_points
+from gpvo.velocity_refinement import normal_equations
 
 Array = NDArray[np.float64]
 
@@ -96,9 +97,14 @@ def fast_mc_ransac(
         segments.later,
         inlier_tolerance(segments, config),
         random_samples(len(segments), config.sample_size, config.iterations, rng),
-        np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.fx * camera.baseline]),
+        _intrinsics(camera),
         config.confidence,
     )
+
+
+def _intrinsics(camera: StereoCamera) -> Array:
+    """(fx, fy, cx, cy, fx * baseline), as kernels take them."""
+    return np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.fx * camera.baseline])
 
 
 def random_samples(
@@ -145,13 +151,14 @@ def _refined_velocity(
     config: McRansacConfig,
 ) -> Array | None:
     """Velocity of the least weighted reprojection errors; None where they do not determine it."""
+    points = camera.triangulate(segments.earlier)
     for _ in range(config.refinement_iterations):
-        error, jacobian = reprojection_error(segments, camera, velocity)
-        weighted = (information @ jacobian).reshape(-1, 6)
-        normal = weighted.T @ jacobian.reshape(-1, 6)
+        normal, right = normal_equations(
+            points, segments.dt, segments.later, velocity, information, _intrinsics(camera)
+        )
         if not np.isfinite(normal).all() or np.linalg.cond(normal) > config.max_condition:
             return None
-        step = np.linalg.solve(normal, weighted.T @ error.ravel())
+        step = np.linalg.solve(normal, right)
         velocity = velocity - step
         if np.abs(step).max() < config.refinement_tolerance:
             break

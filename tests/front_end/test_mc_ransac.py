@@ -21,6 +21,7 @@ from gpvo.mc_ransac import (
     reprojection_error,
     velocity_covariance,
 )
+from gpvo.velocity_refinement import normal_equations
 
 Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32)
@@ -161,6 +162,24 @@ def test_jacobian_is_the_derivative_of_the_error(seed: int, speed: float) -> Non
         ahead, _ = reprojection_error(segments, CAMERA, velocity + step)
         back, _ = reprojection_error(segments, CAMERA, velocity - step)
         np.testing.assert_allclose(jacobian[..., axis], (ahead - back) / (2 * h), atol=1e-5)
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=20)
+def test_normal_equations_are_those_of_the_errors(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    velocity = random_velocity(rng)
+    segments = noisy(rng, random_segments(rng, 10, velocity, dt=(0.02, 0.2)), np.ones(3))
+    mixed = INFORMATION + 0.02
+    error, jacobian = reprojection_error(segments, CAMERA, velocity)
+    weighted = (mixed @ jacobian).reshape(-1, 6)
+    camera = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, CAMERA.fx * CAMERA.baseline])
+    points = CAMERA.triangulate(segments.earlier)
+    normal, right = normal_equations(points, segments.dt, segments.later, velocity, mixed, camera)
+    expected = weighted.T @ jacobian.reshape(-1, 6)
+    np.testing.assert_allclose(normal, expected, atol=1e-10 * expected.max())
+    scale = (np.abs(weighted).T @ np.abs(error.ravel())).max()
+    np.testing.assert_allclose(right, weighted.T @ error.ravel(), atol=1e-10 * scale)
 
 
 @given(seeds)
