@@ -20,9 +20,14 @@ from gpvo.inspection_summary import Numbers, pooled, velocity_errors
 FILES = ("inspection.json", "counts.png", "flow.png", "errors.png", "velocity.png", "tracklets.png")
 
 PICTURES, COLUMNS, MAGNIFICATION = 9, 3, 2
+FRAME = (150, 150, 150)
 RIGHT, WRONG, LOST = (60, 160, 0), (0, 0, 230), (0, 150, 255)
-"""As blue, green, red: accepted tracklets that agree with the truth (green), accepted ones that do
-not (red), and rejected ones that do (orange)."""
+"""Blue, green and red of tracklets, each with its line in the legend."""
+LEGEND = {
+    RIGHT: "inlier that agrees with the true motion",
+    WRONG: "inlier that does not",
+    LOST: "outlier that agrees with it",
+}
 
 
 def write_inspection(
@@ -71,10 +76,11 @@ def _flow_figure(clusters: Sequence[InspectedCluster]) -> Figure:
     figure = new_figure(8.0, 3.6)
     along, around = figure.subplots(1, 2)
     for axis, name in enumerate(("u", "v")):
-        style = {"color": COLOURS[axis], "linestyle": "none", "marker": ".", "markersize": 1.5}
+        style = {"color": COLOURS[axis], "linestyle": "none", "marker": "."}
         true, measured = tracklets.true_flow[near, axis], tracklets.measured_flow[near, axis]
-        along.plot(true, measured, label=name, **style)
-        around.plot(true, measured - true, **style)
+        along.plot(true, measured, markersize=1.5, **style)
+        along.plot([], [], markersize=8.0, label=name, **style)
+        around.plot(true, measured - true, markersize=1.5, **style)
     along.axline((0.0, 0.0), slope=1.0, color="black", linewidth=0.6)
     along.set(xlabel="true flow [px]", ylabel="measured flow [px]")
     around.set(xlabel="true flow [px]", ylabel="measured minus true [px]")
@@ -127,7 +133,18 @@ def tracklet_strip(clusters: Sequence[InspectedCluster], width: int) -> NDArray[
     blank = np.full_like(pictures[0], 255)
     pictures += [blank] * (-len(pictures) % COLUMNS)
     rows = [np.hstack(pictures[i : i + COLUMNS]) for i in range(0, len(pictures), COLUMNS)]
-    return np.vstack(rows)
+    return np.vstack([_legend(rows[0].shape[1]), *rows])
+
+
+def _legend(width: int) -> NDArray[np.uint8]:
+    """What the colours mean, below each other."""
+    line = 22
+    legend = np.full((line * len(LEGEND), width, 3), 255, np.uint8)
+    for index, (colour, text) in enumerate(LEGEND.items()):
+        centre = line * index + line // 2
+        cv2.circle(legend, (12, centre), 4, colour, cv2.FILLED, cv2.LINE_AA)
+        _write(legend, text, (26, centre + 5))
+    return legend
 
 
 def tracklet_picture(cluster: InspectedCluster, width: int) -> NDArray[np.uint8]:
@@ -145,10 +162,13 @@ def tracklet_picture(cluster: InspectedCluster, width: int) -> NDArray[np.uint8]
         for first, last in zip(*(_magnified(end) for end in ends), strict=True):
             cv2.line(picture, first, last, colour, 1, cv2.LINE_AA)
             cv2.circle(picture, last, 2, colour, cv2.FILLED, cv2.LINE_AA)
-    text = f"{cluster.stop:.3f} s"
-    cv2.putText(picture, text, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
-    return picture
+    _write(picture, f"{cluster.stop:.3f} s", (6, 16))
+    return cv2.rectangle(picture, (0, 0), (picture.shape[1], picture.shape[0]), FRAME)
 
 
 def _magnified(points: NDArray[np.float64]) -> list[tuple[int, int]]:
     return [(int(u), int(v)) for u, v in np.rint((points + 0.5) * MAGNIFICATION)]
+
+
+def _write(picture: NDArray[np.uint8], text: str, corner: tuple[int, int]) -> None:
+    cv2.putText(picture, text, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)

@@ -99,8 +99,12 @@ def _ransac_numbers(clusters: Sequence[InspectedCluster], pool: JudgedTracklets)
     for name in ("fast", "iterative"):
         error = velocity_errors(clusters, name)
         error = error[np.isfinite(error).all(axis=1)]
-        numbers[f"{name}_angular_rms_rad_s"] = _rms(np.linalg.norm(error[:, :3], axis=1))
-        numbers[f"{name}_linear_rms_m_s"] = _rms(np.linalg.norm(error[:, 3:], axis=1))
+        for part, unit, norm in (
+            ("angular", "rad_s", np.linalg.norm(error[:, :3], axis=1)),
+            ("linear", "m_s", np.linalg.norm(error[:, 3:], axis=1)),
+        ):
+            numbers[f"{name}_{part}_rms_{unit}"] = _rms(norm)
+            numbers[f"{name}_{part}_median_{unit}"] = _median(norm)
     return numbers
 
 
