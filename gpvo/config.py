@@ -117,10 +117,10 @@ class EventTrackerConfig(StageConfig):
         description="Share of a template that is replaced by what the patch looks like, at every "
         "measurement.",
     )
-    max_features: int = Field(150, ge=1, description="Patches that are followed at a time.")
-    spacing: int = Field(8, ge=1, description="Smallest distance between patches, pixels.")
+    max_features: int = Field(200, ge=1, description="Patches that are followed at a time.")
+    spacing: int = Field(6, ge=1, description="Smallest distance between patches, pixels.")
     patience: int = Field(
-        10, ge=1, description="Clusters after which a patch that did not move is given up."
+        10, ge=1, description="Clusters after which a patch that saw few events is given up."
     )
     max_deviation: float = Field(
         0.1,

@@ -1,8 +1,9 @@
 """Features followed event by event, so that every measurement has a time of its own.
 
 HASTE's hypotheses move a patch by pixels, at the event that makes a move the likelier. A landmark
-is measured where and when its patch moved last in a cluster: the events by which it was judged are
-aligned with the template to a fraction of a pixel, and their mean time is the measurement's.
+is measured when its patch moved last in a cluster, or by its latest events if it did not move: the
+events that tell are aligned with the template to a fraction of a pixel, and their mean time is the
+measurement's.
 """
 
 from __future__ import annotations
@@ -66,18 +67,18 @@ class EventTracker:
         self._left, self._right = _after(since, self._left, left), _after(since, self._right, right)
         height, self._width = cluster.left.surface_of_active_events.shape
         rows = event_rows(self._right, height)
-        seen = self._measure(rows)
+        seen = self._measure(cluster.start, rows)
         seen += self._detect(cluster.left, event_rows(self._left, height), rows)
         self._frame_count += 1
         return self._observations(seen)
 
-    def _measure(self, right: EventRows) -> list[_Sighting]:
-        """Sight the patches that moved; drop those that are not found or did not move for long."""
+    def _measure(self, start: float, right: EventRows) -> list[_Sighting]:
+        """Sight the patches that saw enough events; drop what is not found or saw none for long."""
         patches, seen = self._patches, []
         keep = patches.frame >= self._frame_count - self._config.patience
-        for k in np.flatnonzero(patches.moved & keep).tolist():
+        for k in np.flatnonzero(keep).tolist():
             events = self._fresh(k)
-            if len(events) < self._config.min_events:
+            if len(events) < self._config.min_events or events[:, 2].max() < start:
                 continue
             sighting = self._find(k, events, right)
             if sighting is None:
@@ -89,12 +90,14 @@ class EventTracker:
         return seen
 
     def _fresh(self, k: int) -> Array:
-        """Events (N, 3) of patch k when it moved last, without those of the measurement before.
+        """Events (N, 3) by which patch k moved last, without those of the measurement before.
 
-        The template has learnt from them, and they would hold the patch back where it was.
+        The latest ones if it did not move since. The template has learnt from those before, which
+        would hold the patch back where it was.
         """
-        events = self._recent(self._patches.moving[k])
-        return events[events[:, 2] > self._patches.measured[k]]
+        patches = self._patches
+        events = self._recent(patches.moving[k] if patches.moved[k] else patches.window[k])
+        return events[events[:, 2] > patches.measured[k]]
 
     def _find(self, k: int, events: Array, right: EventRows) -> _Sighting | None:
         """Patch k as the events show it; None if it is not there, or not clear where."""
