@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.errors import InputError
-from gpvo.recordings.evt import WRAP_US, Evt2, Evt3, Evt21, looks_legacy
+from gpvo.recordings.evt import WRAP_US, Evt3
+from gpvo.recordings.evt2 import Evt2, Evt21, looks_legacy
 from gpvo.recordings.streams import EventBlock, EventStream, Faults
 
 VERSIONS = {"2": "2.0", "2.0": "2.0", "2.1": "2.1", "21": "2.1", "3": "3.0", "3.0": "3.0"}

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from reading import assert_recording_holds, assert_same_events, read_stream
 
 from gpvo.errors import InputError
-from gpvo.recordings import evt, open_recording
+from gpvo.recordings import evt, evt2, open_recording
 from gpvo.recordings.raw import RawStream
 from gpvo.recordings.streams import EventBlock
 
@@ -51,7 +51,7 @@ def plain_evt3(words: list[int]) -> list[tuple[int, int, int, int]]:
 
 
 def decoded(
-    decoder: evt.Evt3 | evt.Evt2 | evt.Evt21, words: np.ndarray, cuts: list[int]
+    decoder: evt.Evt3 | evt2.Evt2 | evt2.Evt21, words: np.ndarray, cuts: list[int]
 ) -> list[tuple]:
     """Events of words that arrive in pieces."""
     parts = [block for piece in np.split(words, sorted(cuts)) for block in decoder.decode(piece)]
@@ -139,7 +139,7 @@ def test_evt2_is_the_plain_decoder(words: np.ndarray, cut: int) -> None:
             events.append(
                 (word >> 11 & 0x7FF, word & 0x7FF, high << 6 | word >> 22 & 63, word >> 28)
             )
-    assert decoded(evt.Evt2(), words, [min(cut, len(words))]) == events
+    assert decoded(evt2.Evt2(), words, [min(cut, len(words))]) == events
 
 
 @settings(deadline=None, max_examples=30)
@@ -155,7 +155,7 @@ def test_evt21_is_the_plain_decoder(words: np.ndarray, cut: int, legacy: bool) -
         elif head >> 28 <= 1 and high is not None:
             x, y, t_us = head >> 11 & 0x7FF, head & 0x7FF, high << 6 | head >> 22 & 63
             events += [(x + i, y, t_us, head >> 28) for i in range(32) if valid >> i & 1]
-    assert decoded(evt.Evt21(legacy), words, [min(cut, len(words))]) == events
+    assert decoded(evt2.Evt21(legacy), words, [min(cut, len(words))]) == events
 
 
 @pytest.mark.parametrize("legacy", [False, True])
