@@ -18,9 +18,9 @@ Index = NDArray[np.int64]
 def add_block_kernel(block: Array, columns: Index, H: Array) -> None:
     """Add a symmetric block (n, n) at some columns (n,) to the upper triangle of H."""
     for i in range(len(columns)):
-        for j in range(len(columns)):
-            if columns[i] <= columns[j]:
-                H[columns[i], columns[j]] += block[i, j]
+        for j in range(i, len(columns)):
+            row, column = min(columns[i], columns[j]), max(columns[i], columns[j])
+            H[row, column] += block[i, j]
 
 
 @kernel
