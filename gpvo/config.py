@@ -67,14 +67,14 @@ class KltConfig(StageConfig):
         1.5, gt=0, description="Largest row difference between left and right, pixels."
     )
     min_correlation: float = Field(
-        0.5,
+        0.3,
         ge=-1,
         le=1,
         description="Least correlation between left and right in the middle of the patch, half its "
         "side; -1 asks for none.",
     )
     min_row_gradient: float = Field(
-        16.0,
+        8.0,
         ge=0,
         description="Least root mean square of the left image's gradient along the row in the same "
         "middle, of 255 per pixel: a disparity is measured there, not at the patch's margins; 0 "
