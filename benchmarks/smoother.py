@@ -20,7 +20,8 @@ from rich.table import Table
 from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
 from gpvo.clustering import cluster_events
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config import Configuration, EstimatorConfig, NoiseConfig
+from gpvo.configuration_file import load_configuration
 from gpvo.estimators import make_estimator
 from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.mc_ransac import VelocityFit
@@ -67,9 +68,11 @@ class Recorder:
         """There is none."""
 
 
-def tracklets_of(recording: Recording) -> tuple[StereoCamera, list[Update]]:
+def tracklets_of(
+    recording: Recording, configuration: Configuration
+) -> tuple[StereoCamera, list[Update]]:
     """The inlier tracklets of all clusters of a recording."""
-    odometry, recorder = Odometry(recording.rig), Recorder()
+    odometry, recorder = Odometry(recording.rig, configuration), Recorder()
     odometry.estimator = recorder
     clustering = odometry.configuration.clustering
     for cluster in cluster_events(recording.slabs(), recording.rig, clustering):
@@ -108,14 +111,16 @@ def deviation(trajectory: Trajectory, reference: Trajectory) -> Array:
     return np.abs(difference) / (3 * sigma)
 
 
-def compare(title: str, camera: StereoCamera, updates: list[Update]) -> None:
+def compare(
+    title: str, camera: StereoCamera, updates: list[Update], modes: dict[str, EstimatorConfig]
+) -> None:
     """Print cost and deviation of every mode."""
     table = Table(title=title)
     for heading in ("mode", "mean", "95 %", "x real time", "states", "from unique, % of 3 sigma"):
         table.add_column(heading, justify="right")
     duration = updates[-1][1] - updates[0][1]
     reference, _ = timed(camera, updates, MODES["unique times"])
-    for name, config in MODES.items():
+    for name, config in modes.items():
         timed(camera, updates[:WARM_UP], config)
         trajectory, spent = timed(camera, updates, config)
         share = 100 * deviation(trajectory, reference)
@@ -181,16 +186,22 @@ def simulated(seed: int, per_cluster: int, clusters: int) -> tuple[StereoCamera,
 def main(
     clusters: Annotated[int, typer.Option(help="Clusters of each comparison.")] = 60,
     minutes: Annotated[float, typer.Option(help="Length of the long stream; 0: none.")] = 0.0,
+    config: Annotated[Path | None, typer.Option(help="YAML of the front end.")] = None,
+    mode: Annotated[list[str] | None, typer.Option(help="One of the estimators; all if none.")] = (
+        None
+    ),
 ) -> None:
     """Compare the estimators on the same tracklets."""
+    modes = {name: MODES[name] for name in mode or MODES}
+    configuration = load_configuration(config) if config else Configuration()
     path = RECORDINGS / "room1_indoor1_data.hdf5"
     if path.exists():
         calibration = RECORDINGS / "camchain-imucam-indoor_flying.yaml"
-        camera, updates = tracklets_of(open_recording(path, calibration))
-        compare("room1_indoor1", camera, updates[:clusters])
+        camera, updates = tracklets_of(open_recording(path, calibration), configuration)
+        compare("room1_indoor1", camera, updates[:clusters], modes)
     else:
         console.print(f"skipped room1_indoor1: {path} is missing")
-    compare("simulated tracklets", *simulated(0, 20, clusters))
+    compare("simulated tracklets", *simulated(0, 20, clusters), modes)
     if minutes:
         long_stream(minutes)
 

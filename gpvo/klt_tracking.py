@@ -1,4 +1,4 @@
-"""Features followed around the quad by Lucas-Kanade on smoothed binary frames.
+"""Features followed around the quad by Lucas-Kanade on smoothed event images.
 
 The circle of section III-A.2, previous left, current left, current right, previous right and back,
 is closed by the patch around a feature instead of its descriptor, so that a feature need not be
