@@ -7,17 +7,17 @@ from run_files import RecordingFiles
 
 from gpvo.simulation.recording import SimulationConfig, simulate
 
-NAME = "simulated_hand_held_1"
+NAME = "simulated_hand_held_2"
 
 
 @pytest.fixture(scope="session")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> RecordingFiles:
     folder = tmp_path_factory.mktemp("recording")
-    config = SimulationConfig(seed=1, duration=0.8, resolution=(240, 180), focal_length=160.0)
+    config = SimulationConfig(seed=2, duration=0.8, resolution=(240, 180), focal_length=160.0)
     simulated = simulate(config)
     simulated.write_mvsec(folder)
     (folder / "config.yaml").write_text(
-        "tracking: {klt: {max_features: 40}}\nclustering: {max_events: 10000}\n"
+        "tracking: {klt: {max_features: 80}}\nclustering: {max_events: 10000}\n"
     )
     return RecordingFiles(
         folder / f"{NAME}_data.hdf5",

@@ -93,7 +93,7 @@ def test_trajectory_follows_the_true_motion(result: Path) -> None:
     assert metrics["run"]["clusters_without_inliers"] <= 2
     assert metrics["errors"]["coverage"] > 0.8
     translation = metrics["errors"]["global_error"]["translation"]
-    assert translation["final_percent"] < 15
+    assert translation["final_percent"] < 5
 
 
 def test_tum_file_has_absolute_stamps_from_the_first_pose_on(
