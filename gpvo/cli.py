@@ -63,12 +63,12 @@ def run(
     """Estimate the motion of a recording; write trajectory, metrics and plots."""
     from gpvo.run_command import load_ground_truth, run_and_write
 
-    configuration = load_configuration(config) if config else Configuration()
+    configuration = configured(config, seed)
     opened = open_recording(recording, calibration, left_topic, right_topic)
     truth = load_ground_truth(ground_truth, opened, calibration) if ground_truth else None
     span = (start, np.inf if duration is None else duration)
     folder = output or Path("results") / recording.stem
-    run_and_write(opened, seeded(configuration, seed), folder, truth, console, *span)
+    run_and_write(opened, configuration, folder, truth, console, *span)
 
 
 @app.command()
@@ -81,7 +81,7 @@ def demo(output: Output = None, seed: Seed = None) -> None:
     with console.status("simulating stereo events of a textured room"):
         recording = simulate(simulation)
     folder = output or Path("results") / "demo"
-    configuration = seeded(Configuration(), seed)
+    configuration = configured(None, seed)
     run_and_write(recording, configuration, folder, recording.ground_truth, console)
 
 
@@ -142,7 +142,7 @@ def tune_noise(
 
     opened = open_recording(recording, calibration, left_topic, right_topic)
     truth = load_ground_truth(ground_truth, opened, calibration)
-    configuration = load_configuration(config) if config else Configuration()
+    configuration = configured(config, None)
     print(noise_text(tuned_on_recording(opened, truth, configuration)), end="")
 
 
@@ -183,7 +183,7 @@ def inspect_front_end(
         truth = truth_of_poses(
             load_ground_truth(ground_truth, opened, calibration), opened.start_ns
         )
-    configuration = seeded(load_configuration(config) if config else Configuration(), seed)
+    configuration = configured(config, seed)
     folder = output or Path("results") / recording.stem / "inspection"
     span = (start, np.inf if duration is None else duration)
     inspect_command(opened, truth, configuration, folder, console, *span)
@@ -220,6 +220,7 @@ def convert_recording(
     convert_command(recording, output, to, calibration, left_topic, right_topic, console)
 
 
-def seeded(configuration: Configuration, seed: int | None) -> Configuration:
-    """The configuration with another seed, if one is given."""
+def configured(config: Path | None, seed: int | None) -> Configuration:
+    """The configuration of the file or the default one, with another seed if one is given."""
+    configuration = load_configuration(config) if config else Configuration()
     return configuration if seed is None else configuration.model_copy(update={"seed": seed})

@@ -92,7 +92,7 @@ def best_sample_velocity(
     """Velocity (6,) of the sample that explains most segments; zero if all are degenerate.
 
     Stops early once a sample without outliers was drawn with the given confidence; at confidence
-    1 all samples are tried. `camera` is (fx, fy, cx, cy, fx * baseline).
+    1 all samples are tried. `camera` is (fx, fy, cx, cy, baseline).
     """
     # One quantity after the other, so that a block of segments fills vector registers.
     columns = np.empty((8, len(points)))
@@ -238,6 +238,6 @@ def _is_inlier(
     x, y, z = point
     u = camera[0] * x / z + camera[2] - columns[3, i]
     v = camera[1] * y / z + camera[3] - columns[4, i]
-    disparity = camera[4] / z - columns[5, i]
+    disparity = camera[0] * camera[4] / z - columns[5, i]
     near = u * u + v * v + disparity * disparity <= columns[7, i]
     return np.int64(near & (z > 0))

@@ -32,6 +32,8 @@ class TrackedCluster:
         The ends of the N tracklets that reach into the cluster and pass the filters.
     fit
         MC-RANSAC's velocity; None if there is none.
+    inliers
+        (N,) bool, which tracklets the velocity explains.
     measurements
         Those of the inliers that were not given before.
     """
@@ -40,12 +42,8 @@ class TrackedCluster:
     earlier: Measurements
     later: Measurements
     fit: VelocityFit | None
+    inliers: NDArray[np.bool_]
     measurements: Measurements
-
-    @property
-    def inliers(self) -> NDArray[np.bool_]:
-        """(N,) which tracklets the velocity explains."""
-        return np.zeros(len(self.later), bool) if self.fit is None else self.fit.inliers
 
 
 class FrontEnd:
@@ -89,7 +87,7 @@ class FrontEnd:
         with self._stage("outlier rejection"):
             segments = segments_between(earlier, later)
             fit = mc_ransac(segments, self.camera, self._information, self._config, self.rng)
-            accepted = np.zeros(len(later), bool) if fit is None else fit.inliers
-            self._tracklets.reject(later.landmark[~accepted])
-            measurements = self._tracklets.take(later.landmark[accepted])
-        return TrackedCluster(observations, earlier, later, fit, measurements)
+            inliers = np.zeros(len(later), bool) if fit is None else fit.inliers
+            self._tracklets.reject(later.landmark[~inliers])
+            measurements = self._tracklets.take(later.landmark[inliers])
+        return TrackedCluster(observations, earlier, later, fit, inliers, measurements)

@@ -16,6 +16,7 @@ from gpvo.inspection_report import FILES, inspection_table, write_inspection
 from gpvo.inspection_summary import summarize
 from gpvo.inspection_truth import Truth, truth_of_simulation
 from gpvo.recordings import Recording
+from gpvo.run_command import check_start
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
 
 
@@ -45,10 +46,7 @@ def inspect_command(
         if not isinstance(recording, SimulatedRecording):
             raise InputError(f"{recording.path}: to be inspected needs --ground-truth FILE")
         truth = truth_of_simulation(recording)
-    if start >= recording.duration:
-        raise InputError(
-            f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"
-        )
+    check_start(recording, start)
     make_folder(folder, FILES)
     with console.status("inspecting the front end") as status:
         clusters = inspect(

@@ -97,14 +97,9 @@ def fast_mc_ransac(
         segments.later,
         inlier_tolerance(segments, config),
         random_samples(len(segments), config.sample_size, config.iterations, rng),
-        _intrinsics(camera),
+        camera.parameters,
         config.confidence,
     )
-
-
-def _intrinsics(camera: StereoCamera) -> Array:
-    """(fx, fy, cx, cy, fx * baseline), as kernels take them."""
-    return np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.fx * camera.baseline])
 
 
 def random_samples(
@@ -154,7 +149,7 @@ def _refined_velocity(
     points = camera.triangulate(segments.earlier)
     for _ in range(config.refinement_iterations):
         normal, right = normal_equations(
-            points, segments.dt, segments.later, velocity, information, _intrinsics(camera)
+            points, segments.dt, segments.later, velocity, information, camera.parameters
         )
         if not np.isfinite(normal).all() or np.linalg.cond(normal) > config.max_condition:
             return None

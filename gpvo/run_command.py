@@ -38,10 +38,7 @@ def run_and_write(
     InputError
         If there is nothing at `start`, the folder cannot be written or the events are faulty.
     """
-    if start >= recording.duration:
-        raise InputError(
-            f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"
-        )
+    check_start(recording, start)
     folder = make_folder(folder, FILES)
     meter = CostMeter()
     odometry = Odometry(recording.rig, configuration, meter.stage)
@@ -82,3 +79,11 @@ def load_ground_truth(
             f" with {recording.path}, from {recording.start_ns * 1e-9:.3f} s"
         )
     return poses
+
+
+def check_start(recording: Recording, start: float) -> None:
+    """Raise InputError if there is nothing of the recording from `start` (seconds) on."""
+    if start >= recording.duration:
+        raise InputError(
+            f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"
+        )

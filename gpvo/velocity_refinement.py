@@ -28,14 +28,14 @@ def normal_equations(
     information
         (3, 3) weight W of an error.
     camera
-        (fx, fy, cx, cy, fx * baseline).
+        (fx, fy, cx, cy, baseline).
     """
     normal, right = np.zeros((6, 6)), np.zeros(6)
     by_twist, by_velocity, weighted = np.zeros((3, 6)), np.zeros((3, 6)), np.zeros((3, 6))
     error = np.empty(3)
     for n in range(len(points)):
         x, y, z = move(points[n, 0], points[n, 1], points[n, 2], dt[n], velocity)
-        u, v, disparity = camera[0] / z, camera[1] / z, camera[4] / z
+        u, v, disparity = camera[0] / z, camera[1] / z, camera[0] * camera[4] / z
         error[0] = camera[0] * x / z + camera[2] - later[n, 0]
         error[1] = camera[1] * y / z + camera[3] - later[n, 1]
         error[2] = disparity - later[n, 2]

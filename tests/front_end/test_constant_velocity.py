@@ -16,7 +16,7 @@ from gpvo.mc_ransac import random_samples
 
 Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32)
-CAMERA = np.array([200.0, 210.0, 120.0, 90.0, 20.0])
+CAMERA = np.array([200.0, 210.0, 120.0, 90.0, 0.1])
 
 
 def scene(seed: int, count: int) -> tuple[Array, Array, Array]:
@@ -83,9 +83,9 @@ def test_points_on_a_line_determine_no_velocity(count: int, direction: list[floa
 
 
 def project(points: Array) -> Array:
-    fx, fy, cx, cy, fb = CAMERA
+    fx, fy, cx, cy, baseline = CAMERA
     x, y, z = points.T
-    return np.column_stack([fx * x / z + cx, fy * y / z + cy, fb / z])
+    return np.column_stack([fx * x / z + cx, fy * y / z + cy, fx * baseline / z])
 
 
 def explained(points: Array, dt: Array, later: Array, velocity: Array) -> int:

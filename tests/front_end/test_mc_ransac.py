@@ -173,9 +173,9 @@ def test_normal_equations_are_those_of_the_errors(seed: int) -> None:
     mixed = INFORMATION + 0.02
     error, jacobian = reprojection_error(segments, CAMERA, velocity)
     weighted = (mixed @ jacobian).reshape(-1, 6)
-    camera = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, CAMERA.fx * CAMERA.baseline])
     points = CAMERA.triangulate(segments.earlier)
-    normal, right = normal_equations(points, segments.dt, segments.later, velocity, mixed, camera)
+    arguments = (segments.dt, segments.later, velocity, mixed, CAMERA.parameters)
+    normal, right = normal_equations(points, *arguments)
     expected = weighted.T @ jacobian.reshape(-1, 6)
     np.testing.assert_allclose(normal, expected, atol=1e-10 * expected.max())
     scale = (np.abs(weighted).T @ np.abs(error.ravel())).max()
