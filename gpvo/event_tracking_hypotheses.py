@@ -99,16 +99,17 @@ def follow(events: Array, patches: Patches, rotation: float, reach: float, margi
     """Take events (E, 3) one by one; the patches are changed in place.
 
     An event counts for the patches whose centre is within `reach` pixels along both axes. A
-    hypothesis wins when its score is the present one's times 1 + `margin`; `rotation` is the angle
-    of two of them, radians.
+    hypothesis wins when its score exceeds the present one's by `margin` times its size, whether
+    that is positive or, as of a patch that got lost, negative; `rotation` is the angle of two of
+    them, radians.
     """
     for i in range(len(events)):
         for k in range(len(patches.pose)):
             near = abs(events[i, 0] - patches.pose[k, 0]) <= reach
             if near and abs(events[i, 1] - patches.pose[k, 1]) <= reach:
                 _take(events[i], patches, k, rotation)
-                best = np.argmax(patches.score[k])
-                if patches.score[k, best] > (1 + margin) * patches.score[k, STAY]:
+                best, present = np.argmax(patches.score[k]), patches.score[k, STAY]
+                if patches.score[k, best] - present > margin * abs(present):
                     move(patches.pose[k], best, rotation)
                     patches.moved[k] = True
                     patches.moving[k] = patches.window[k]

@@ -16,7 +16,7 @@ from front_end_scenes import (
     Texture,
     image_of,
 )
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
@@ -304,6 +304,7 @@ def patches_of(events: Array, window: int = 60) -> Patches:
 
 
 @given(seeds)
+@example(24141)  # the present score gets negative, and the patch stays all the same
 @settings(deadline=None, max_examples=20)
 def test_scores_are_sums_of_the_template_under_the_window(seed: int) -> None:
     """Brought up to date event by event they are those of the plain formula."""
