@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.consistency import mean_nees_interval, nees
-from gpvo.fixed_lag import FixedLagSmoother
+from gpvo.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.simulation.tracklets import TrackletSimulation
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ def run_nees(seed: int, config: EstimatorConfig, t: Array) -> tuple[Array, Array
     noise, rng = NoiseConfig(), np.random.default_rng(seed)
     simulation = TrackletSimulation(noise)
     motion = simulation.motion(DURATION, rng)
-    smoother = FixedLagSmoother(simulation.camera, noise, config)
+    smoother = GaussNewtonSmoother(simulation.camera, noise, config)
     for frame, (stop, measurements) in enumerate(simulation.clusters(motion, rng)):
         smoother.update(frame, stop, measurements, None)
     trajectory = smoother.trajectory(0)

@@ -23,7 +23,7 @@ from gpvo.clustering import cluster_events
 from gpvo.config import Configuration, EstimatorConfig, NoiseConfig
 from gpvo.configuration_file import load_configuration
 from gpvo.estimators import make_estimator
-from gpvo.fixed_lag import FixedLagSmoother
+from gpvo.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.mc_ransac import VelocityFit
 from gpvo.odometry import Odometry
 from gpvo.recordings import open_recording
@@ -40,8 +40,8 @@ RECORDINGS = Path(__file__).parents[2] / "shared" / "recordings"
 MODES = {
     "key times, 25 ms": EstimatorConfig(state_interval=0.025),
     "unique times": EstimatorConfig(state_interval=0.0),
-    "key times, GTSAM": EstimatorConfig(method="incremental", state_interval=0.025),
-    "unique times, GTSAM by QR": EstimatorConfig(method="incremental", state_interval=0.0),
+    "key times, GTSAM": EstimatorConfig(method="fixed_lag", state_interval=0.025),
+    "unique times, GTSAM by QR": EstimatorConfig(method="fixed_lag", state_interval=0.0),
     "key times, batch": EstimatorConfig(method="batch", state_interval=0.025),
     "unique times, batch": EstimatorConfig(method="batch", state_interval=0.0),
 }
@@ -139,7 +139,7 @@ def long_stream(minutes: float) -> None:
     """Print processor time and memory of a long stream, minute by minute."""
     simulation, rng = TrackletSimulation(NoiseConfig()), np.random.default_rng(0)
     motion = simulation.motion(60 * minutes, rng)
-    smoother = FixedLagSmoother(simulation.camera, NoiseConfig(), EstimatorConfig())
+    smoother = GaussNewtonSmoother(simulation.camera, NoiseConfig(), EstimatorConfig())
     table = Table(title=f"{minutes:g} simulated minutes, {simulation.period * 1e3:g} ms clusters")
     for heading in ("minute", "mean", "95 %", "resident", "of it trajectory"):
         table.add_column(heading, justify="right")

@@ -6,6 +6,7 @@ from factors.interpolated_stereo import InterpolatedStereoFactor
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.optimize import optimize
 from factors.stereo import StereoCamera, StereoReprojectionFactor
+from factors.structureless import StructurelessStereoFactor
 from factors.tracklet import TrackletFactor
 from factors.wnoa import (
     WnoaPriorFactor,
@@ -22,6 +23,7 @@ __all__ = [
     "ReprojectionVelocityFactor",
     "StereoCamera",
     "StereoReprojectionFactor",
+    "StructurelessStereoFactor",
     "TrackletFactor",
     "WnoaPriorFactor",
     "extrapolate",

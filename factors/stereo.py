@@ -64,6 +64,12 @@ class StereoCamera:
         z = self.fx * self.baseline / disparity
         return np.stack([(u - self.cx) * z / self.fx, (v - self.cy) * z / self.fy, z], axis=-1)
 
+    def inverse_depth(self, measurements: ArrayLike) -> Array:
+        """(..., 3) x / z, y / z and 1 / z in the left camera frame of measurements (..., 3)."""
+        u, v, disparity = np.moveaxis(np.asarray(measurements, np.float64), -1, 0)
+        inverse = disparity / (self.fx * self.baseline)
+        return np.stack([(u - self.cx) / self.fx, (v - self.cy) / self.fy, inverse], axis=-1)
+
 
 @kernel
 def reprojection_kernel(T: Array, landmark: Array, measured: Array, camera: Array) -> Array:

@@ -100,7 +100,7 @@ def checked_measurements(measured: ArrayLike) -> Array:
     return measurements
 
 
-def _brackets(
+def brackets(
     times: ArrayLike, states: Sequence[tuple[int, int, float]], count: int
 ) -> tuple[list[tuple[int, int, float]], NDArray[np.int64], Array, Array]:
     """The states that bracket a time; for each time the first of its two, and seconds from both."""
@@ -138,7 +138,7 @@ class _Tracklet:
         self.measured, self.camera = measured, camera.parameters
         self.whitening = np.ascontiguousarray(gaussian.Whiten(np.eye(3)))
         self.loss: Any = model.robust() if isinstance(model, gtsam.noiseModel.Robust) else None
-        self.states, self.first, self.a, self.b = _brackets(times, states, len(measured))
+        self.states, self.first, self.a, self.b = brackets(times, states, len(measured))
         self.nearest = int(np.argmax(measured[:, 2]))
         self.ones = np.ones(len(measured))
         self.nearest_point = camera.triangulate(measured[self.nearest])

@@ -332,11 +332,17 @@ class NoiseConfig(StageConfig):
 class EstimatorConfig(StageConfig):
     """Section III-C: the sliding window or fixed-lag smoother."""
 
-    method: Literal["fixed_lag", "incremental", "batch"] = Field(
-        "fixed_lag",
-        description="fixed_lag: Gauss-Newton over the window, and a prior that keeps what earlier "
-        "clusters told; incremental: the same by GTSAM's IncrementalFixedLagSmoother, slower; "
-        "batch: Gauss-Newton over the window alone, as in the paper.",
+    method: Literal["gauss_newton", "fixed_lag", "batch"] = Field(
+        "gauss_newton",
+        description="gauss_newton: Gauss-Newton over the window, and a prior that keeps what "
+        "earlier clusters told; fixed_lag: GTSAM's IncrementalFixedLagSmoother, which takes "
+        "factors of your own; batch: Gauss-Newton over the window alone, as in the paper.",
+    )
+    landmarks: Literal["eliminated", "variables"] = Field(
+        "eliminated",
+        description="Of fixed_lag at key times: eliminated before GTSAM sees them, each followed "
+        "for a window at a time, or variables of its graph, slower. At unique times they always "
+        "are variables.",
     )
     window: int = Field(
         5, ge=2, description="Lag in clusters: how many of the latest are in the window."

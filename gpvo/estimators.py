@@ -8,7 +8,7 @@ from typing import Protocol
 from factors import StereoCamera
 from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.fixed_lag import FixedLagSmoother
-from gpvo.incremental import IncrementalSmoother
+from gpvo.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair
 from gpvo.sliding_window import SlidingWindow
@@ -43,8 +43,8 @@ class Estimator(Protocol):
 def make_estimator(camera: StereoCamera, noise: NoiseConfig, config: EstimatorConfig) -> Estimator:
     """The configured estimator."""
     methods: dict[str, Callable[[StereoCamera, NoiseConfig, EstimatorConfig], Estimator]] = {
+        "gauss_newton": GaussNewtonSmoother,
         "fixed_lag": FixedLagSmoother,
-        "incremental": IncrementalSmoother,
         "batch": SlidingWindow,
     }
     return methods[config.method](camera, noise, config)

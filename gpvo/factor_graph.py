@@ -18,6 +18,7 @@ from factors import (
     InterpolatedStereoFactor,
     StereoCamera,
     StereoReprojectionFactor,
+    StructurelessStereoFactor,
     WnoaPriorFactor,
 )
 from gpvo.config import NoiseConfig
@@ -82,6 +83,19 @@ class FactorMaker:
             keys, times = (X(i), V(i), X(j), V(j), point), (t[k], t[k + 1], time)
             factors.append(InterpolatedStereoFactor(stereo, model, *keys, self.camera, *times))
         return factors
+
+    def structureless(
+        self, states: Sequence[int], t: Array, measurements: Measurements
+    ) -> gtsam.NonlinearFactor:
+        """One factor of all measurements, their landmarks eliminated; arguments as above."""
+        return StructurelessStereoFactor(
+            measurements.stereo,
+            np.clip(measurements.t, t[0], t[-1]),
+            measurements.landmark,
+            self.loss.noise_model(np.diag(self.noise.measurement_information)),
+            [(X(k), V(k), time) for k, time in zip(states, t.tolist(), strict=True)],
+            self.camera,
+        )
 
 
 def state_times(t: Array, interval: float, after: float = -np.inf) -> Array:

@@ -1,58 +1,92 @@
-"""A fixed-lag smoother: Gauss-Newton over the latest clusters, all earlier ones in a prior."""
+"""GTSAM's incremental fixed-lag smoother over the factors: what is old is marginalized."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
+import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
 from factors import StereoCamera
 from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.covariance_knots import CovarianceKnots
-from gpvo.factor_graph import SAME_TIME
-from gpvo.gaussian import IndeterminateError
+from gpvo.eliminated_landmarks import EliminatedLandmarks
+from gpvo.factor_graph import SAME_TIME, FactorMaker, state_times
+from gpvo.increment import Increment, NumberedStates
 from gpvo.initialization import start_states, velocity_ahead
 from gpvo.joining import joined
 from gpvo.lag import Lag
-from gpvo.lag_window import LagWindow, Sensor, new_times
+from gpvo.lag_window import new_times
+from gpvo.landmark_variables import LandmarkVariables
 from gpvo.mc_ransac import VelocityFit
-from gpvo.repairs import Repair, repairs_of, split_possible
+from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
+from gpvo.robust import RobustLoss
 from gpvo.states import States, later_states
-from gpvo.threads import one_blas_thread
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
-from gpvo.unique_times import Deviations
-from gpvo.window import FIXED
-from gpvo.window_optimizer import Optimum
+from gpvo.window import FIXED, isam_parameters, joint_covariances, states_of
 
 Array = NDArray[np.float64]
-UNIQUE_INTERVAL = 0.025
-"""Seconds between the states that carry those at unique times."""
+SOLVED_ANEW = "indeterminate: the window solved anew by QR"
+
+
+class Landmarks(Protocol):
+    """How landmarks enter the graph; `used` are the measurements in the window."""
+
+    used: Measurements
+
+    def add_to(
+        self, increment: Increment, window: NumberedStates, new: Measurements, leave_before: float
+    ) -> None:
+        """Add what new measurements tell; states before `leave_before` leave with this update."""
+        ...
+
+    def add_all_to(self, increment: Increment, window: NumberedStates) -> None:
+        """Add what all measurements in the window tell, to a smoother that is new."""
+        ...
+
+    def updated(self, estimate: gtsam.Values, states: States, added: Sequence[int]) -> None:
+        """The smoother's new estimate, and the indices of the factors that were added."""
+        ...
 
 
 class FixedLagSmoother:
-    """Estimates the states of the latest clusters; what is older is final.
+    """Estimates the states of the latest clusters by gtsam.IncrementalFixedLagSmoother.
 
-    States are at the clusters' ends and evenly between, `state_interval` or less apart. No input
-    makes `update` fail: what cannot be used is left out and listed in `repairs`.
+    State k has the keys X(k), a Pose3 T_world_cam, and V(k), its body twist; landmarks are
+    eliminated, or Point3s L(l). A measurement that comes late, at a time before the last state, is
+    interpolated between the states that are there. What is older than the lag is marginalized, and
+    its last estimate is final. No input makes `update` fail: what cannot be used is left out and
+    listed in `repairs`.
 
-    >>> smoother = FixedLagSmoother(camera, NoiseConfig(), EstimatorConfig(state_interval=0.025))
+    >>> smoother = FixedLagSmoother(camera, NoiseConfig(), EstimatorConfig(state_interval=0.05))
     >>> smoother.update(frame, stop, measurements, None)
-    >>> smoother.trajectory(0).pose(stop)
+    >>> smoother.add(gtsam.GPSFactor(X(smoother.window[-1]), position, noise))
     """
 
     def __init__(self, camera: StereoCamera, noise: NoiseConfig, config: EstimatorConfig) -> None:
         self.repairs: list[Repair] = []
-        self._sensor = Sensor(camera, noise, config)
-        self._window: LagWindow | None = None
-        self._optimum: Optimum | None = None
+        self._make = FactorMaker(camera, noise, RobustLoss(config.loss, config.loss_scale))
+        self._config = config
         self._lag = Lag(config)
+        key_times = config.state_interval > 0
+        self._landmarks: Landmarks = LandmarkVariables(self._make)
+        if key_times and config.landmarks == "eliminated":
+            self._landmarks = EliminatedLandmarks(self._make, self._lag)
         self._final: list[States] = []
-        self._leaving = States()
-        self._final_joint: list[Array] = []
-        self._final_deviations: list[Deviations] = []
+        self._knots: list[CovarianceKnots] = []
+        self._first, self._states, self._solved = 0, States(), 0
+        self._own: list[gtsam.NonlinearFactor] = []
+        self._new: list[gtsam.NonlinearFactor] = []
+        self._leave_before = -np.inf
+        # Callbacks are faster for factors that Python keeps alive, by the time of the update.
+        self._factors: dict[float, list[gtsam.NonlinearFactor]] = {}
+        # GTSAM's Cholesky is the faster one, but rejects states that are microseconds apart.
+        self._start_smoother("QR")
 
     def update(
         self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
@@ -63,126 +97,172 @@ class FixedLagSmoother:
         """
         possible, repairs = split_possible(measurements, stop)
         self.repairs += repairs
-        if self._window is None and len(possible) == 0:
+        increment = Increment()
+        if len(self._states):
+            self._keep_covariances()
+        elif len(possible):
+            self._begin(increment, possible.t.min(), fit)
+        else:
             return
-        window = self._window or self._first_window(possible.t.min(), fit)
-        self._lag.advance(max(stop, window.states.t[-1]))
-        last = window.states[-1:]
-        interval = self._sensor.config.state_interval or UNIQUE_INTERVAL
-        t = new_times(last.t[0], possible.t, self._lag.stop, interval)
-        if len(t) + len(window.states) < 2:
-            t = last.t + SAME_TIME
-        ahead = velocity_ahead(last, stop, fit, self._sensor.noise)
-        with one_blas_thread():
-            if self._solve(window.extended(t, ahead), possible):
-                self._let_go()
+        self._lag.advance(stop)
+        self._extend_states(increment, possible.t, stop, fit)
+        self._landmarks.add_to(increment, self._window, possible, self._leave_before)
+        increment.add_factors(self._new)
+        self._own, self._new = self._own + self._new, []
+        self._solve(increment)
+
+    @property
+    def window(self) -> range:
+        """Numbers of the states in the window."""
+        return self._window.numbers
+
+    @property
+    def window_times(self) -> Array:
+        """Times of the states in the window, seconds."""
+        return self._states.t
+
+    def add(self, *factors: gtsam.NonlinearFactor) -> None:
+        """Add factors of your own between states in the window, such as IMU, GPS, or odometry.
+
+        They are used from the next update on, and marginalized with the first of their states.
+        """
+        self._new += factors
 
     def trajectory(self, start_ns: int) -> Trajectory | None:
         """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
-        if self._window is None:
+        if len(self._states) == 0:
             return None
-        states = States.concatenate([*self._final, *self._left(), self._window.states])
-        joint = [*self._final_joint, self._joint_covariances(len(self._window.states) - 1)]
-        knots = CovarianceKnots(states.t, np.concatenate(joint))
-        for deviations in self._deviations():
-            states = deviations.merged(states)
-        return Trajectory.of_states(states, knots, self._sensor.noise, start_ns)
-
-    def _left(self) -> list[States]:
-        """The states that left the window last, up to where it has its first state now."""
-        if self._window is None or len(self._leaving) == 0:
-            return []
-        return [joined(self._leaving, self._window.states[:1])[:-1]]
+        states = States.concatenate([*self._final, self._states])
+        knots = CovarianceKnots.joined([*self._knots, self._knots_until(np.inf)])
+        return Trajectory.of_states(states, knots, self._make.noise, start_ns)
 
     def settled(self, after: float) -> States:
-        """Key states later than `after` that will not change any more."""
+        """States later than `after` that will not change any more."""
         return later_states(self._final, after)
 
     @property
-    def stored_bytes(self) -> int:
-        """Size of the final estimates and their covariances."""
-        states = sum(s.t.nbytes + s.T_world_cam.nbytes + s.twist.nbytes for s in self._final)
-        deviations = sum(d.t.nbytes + d.local.nbytes for d in self._final_deviations)
-        return states + deviations + sum(joint.nbytes for joint in self._final_joint)
+    def _window(self) -> NumberedStates:
+        return NumberedStates(self._first, self._states)
 
-    def _deviations(self) -> Iterator[Deviations]:
-        """Of the states at unique times, if these are asked for."""
-        if self._window is not None and self._sensor.config.state_interval == 0:
-            parts = [*self._final_deviations, self._window.deviations()]
-            yield Deviations(
-                np.concatenate([part.t for part in parts]),
-                np.concatenate([part.local for part in parts]),
-            )
+    def _start_smoother(self, factorization: str) -> None:
+        self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, isam_parameters(factorization))
+        # While Python holds it, GTSAM does not copy all values for each factor written in Python.
+        self._linearization_point = self._smoother.getLinearizationPoint()
 
-    def _first_window(self, t: float, fit: VelocityFit | None) -> LagWindow:
+    def _begin(self, increment: Increment, t: float, fit: VelocityFit | None) -> None:
         """The first state, whose pose defines the world."""
-        state = start_states(t, fit, self._sensor.noise)
-        deviations = np.repeat([FIXED, self._sensor.noise.initial_velocity], 6)
-        return LagWindow.of_state(self._sensor, state, np.diag(deviations**2))
+        self._states = start_states(t, fit, self._make.noise)
+        increment.add_states(self._window)
+        increment.add_factors(self._anchor())
 
-    def _solve(self, window: LagWindow, new: Measurements) -> bool:
-        """Take the new measurements; if that fails start anew from the window's, or from none.
+    def _anchor(self) -> list[gtsam.NonlinearFactor]:
+        """Priors on the window's first state, as uncertain as it was when it was solved last."""
+        deviations = np.repeat([FIXED, self._make.noise.initial_velocity], 6)
+        covariance = self._knots[-1].joint[-1, 12:, 12:] if self._knots else np.diag(deviations**2)
+        T_world_cam, twist = self._states.T_world_cam[0], self._states.twist[0]
+        return self._make.anchor(self._first, T_world_cam, twist, covariance)
 
-        False if even that failed: then all is as it was before the cluster.
-        """
-        known = window.measurements
-        attempts: list[Callable[[], tuple[LagWindow, list[Repair]]]] = [
-            lambda: window.measured(new),
-            lambda: self._restarted(window).measured(Measurements.concatenate([known, new])),
-            lambda: (self._restarted(window), repairs_of(known, "indeterminate: left out")),
-        ]
-        for attempt in attempts:
-            try:
-                with np.errstate(all="ignore"):
-                    extended, gated = attempt()
-                    self._window, self._optimum, lost = extended.solved()
-            except IndeterminateError as error:
-                self.repairs.append(self._restart(window, error))
-            else:
-                self.repairs += gated + lost
-                return True
-        return False
+    def _keep_covariances(self) -> None:
+        """Of the states that leave with the next update, which the latest cluster made old."""
+        self._leave_before = min(self._lag.start, self._states.t[-1])
+        knots = self._knots_until(self._leave_before)
+        if len(knots.t):
+            self._knots.append(knots)
 
-    def _restarted(self, window: LagWindow) -> LagWindow:
-        """The window's states without measurements, the first as uncertain as it was."""
-        covariance = np.diag(np.repeat([FIXED, self._sensor.noise.initial_velocity], 6) ** 2)
-        if self._final_joint:
-            covariance = self._final_joint[-1][-1, 12:, 12:]
-        alone = LagWindow.of_state(self._sensor, window.states[:1], covariance)
-        return replace(alone, states=window.states)
-
-    def _restart(self, window: LagWindow, error: IndeterminateError) -> Repair:
-        first = sum(map(len, [*self._final, *self._left()]))
-        state = min(error.column // 12, len(window.states) - 1)
-        reason = "indeterminate: started anew from the window's measurements"
-        return Repair(f"x{first + state}", float(window.states.t[state]), None, reason)
-
-    def _let_go(self) -> None:
-        """Marginalize what is older than the window; its estimates and covariances are final."""
-        if self._window is None or self._optimum is None:
+    def _extend_states(
+        self, increment: Increment, measured: Array, stop: float, fit: VelocityFit | None
+    ) -> None:
+        """States at the measured or the key times, or at the cluster's end if there are none."""
+        t_last, interval = self._states.t[-1], self._config.state_interval
+        if interval > 0:
+            t = new_times(t_last, measured, max(stop, t_last), interval)
+        else:
+            unique = state_times(measured, 0.0, t_last)
+            t = unique if len(unique) else state_times(np.array([stop]), 0.0, t_last)
+        if len(t) == 0:
             return
-        t = self._window.states.t
-        leaving = int(np.sum(t[:-1] < self._lag.start - SAME_TIME))
-        if leaving:
-            self._final += self._left()
-            self._leaving = self._window.states[: leaving + 1]
-            self._final_joint.append(self._joint_covariances(leaving))
-            if self._sensor.config.state_interval == 0:
-                start = self._window.states.t[leaving]
-                self._final_deviations.append(self._window.deviations(start))
-            try:
-                self._window = self._window.marginalized(leaving, self._optimum)
-            except IndeterminateError as error:
-                self.repairs.append(self._restart(self._window, error))
-                left = replace(self._window, states=self._window.states[leaving:])
-                self._window = self._restarted(left)
+        ahead = velocity_ahead(self._states, t[-1], fit, self._make.noise)
+        new, last = self._states.at(t, ahead), len(self._states) - 1
+        increment.add_states(NumberedStates(self._first + last + 1, new))
+        self._states = States.concatenate([self._states, new])
+        increment.add_factors(self._make.motion(self.window[last:], self._states.t[last:]))
 
-    def _joint_covariances(self, count: int) -> Array:
-        """(count, 24, 24) of the window's first states and the next of each."""
-        assert self._window is not None and self._optimum is not None
-        solved = self._optimum.linearized
-        first = int(solved.columns.state[len(solved.states) - len(self._window.states)])
-        columns = np.arange(first, first + 12 * (count + 1))
-        covariance = self._optimum.quadratic.covariance(columns)
-        pairs = 12 * np.arange(count)[:, None] + np.arange(24)
-        return covariance[pairs[:, :, None], pairs[:, None, :]]
+    def _solve(self, increment: Increment) -> None:
+        """Update the smoother; if that fails make it anew, by QR, without what is to blame.
+
+        That may be factors of others, then the landmarks that GTSAM names, then all of them.
+        """
+        failure = self._failure(increment)
+        if failure is None:
+            return
+        state = Repair(f"x{self._first}", float(self._states.t[0]), None, SOLVED_ANEW)
+        self.repairs.append(state)
+        failure = self._failure(self._window_anew())
+        if failure is not None and self._own:
+            self.repairs.append(replace(state, reason="indeterminate: factors of others left out"))
+            self._own.clear()
+            failure = self._failure(self._window_anew())
+        while failure is not None and len(self._landmarks.used):
+            used = self._landmarks.used
+            lost = named_landmark(failure, used)
+            self.repairs += repairs_of(lost, "indeterminate: left out, the window solved anew")
+            self._landmarks.used = used[~np.isin(used.landmark, lost.landmark)]
+            failure = self._failure(self._window_anew())
+        if failure is not None:
+            self._states = self._states[:1].at(self._states.t)
+            self._update(self._window_anew())
+
+    def _failure(self, increment: Increment) -> Exception | None:
+        """Update the smoother; what went wrong if that fails."""
+        try:
+            self._update(increment)
+        except (RuntimeError, IndexError, ValueError) as error:
+            return error
+        return None
+
+    def _update(self, increment: Increment) -> None:
+        """Update the smoother, and take over its estimate of the states in the window."""
+        newest = float(self._states.t[-1])
+        active = {t: kept for t, kept in self._factors.items() if t >= self._leave_before}
+        self._factors = active | {newest: active.get(newest, []) + increment.factors}
+        self._smoother.setSmootherLag(newest - self._leave_before + SAME_TIME)
+        self._smoother.update(
+            increment.graph, increment.values, increment.stamps, increment.removed
+        )
+        estimate = self._smoother.calculateEstimate()
+        left = next(n for n, k in enumerate(self.window) if estimate.exists(X(k)))
+        states = states_of(estimate, self.window[left:], self._states.t[left:])
+        added = self._smoother.getISAM2Result().getNewFactorsIndices()
+        self._landmarks.updated(estimate, states, added)
+        self._let_go(left, states)
+
+    def _let_go(self, count: int, newest: States) -> None:
+        """The first states are final; the others are now where the newest estimate has them."""
+        if count:
+            self._final.append(joined(self._states[: count + 1], newest[:1])[:-1])
+        self._first += count
+        self._states, self._solved = newest, len(newest)
+        inside = {key(k) for k in self.window for key in (X, V)}
+        self._own = [factor for factor in self._own if inside.issuperset(factor.keys())]
+
+    def _window_anew(self) -> Increment:
+        """Everything in the window, for a smoother that knows nothing yet."""
+        old = int(np.sum(self._states.t < self._leave_before - SAME_TIME))
+        self._let_go(old, self._states[old:])
+        self._start_smoother("QR")
+        increment, t = Increment(), self._states.t
+        increment.add_factors([*self._anchor(), *self._make.motion(self.window, t), *self._own])
+        increment.add_states(self._window)
+        self._landmarks.add_all_to(increment, self._window)
+        return increment
+
+    def _knots_until(self, stop: float) -> CovarianceKnots:
+        """The next knots, as long as the one before them is older than `stop`."""
+        start = self._knots[-1].t[-1] if self._knots else self._states.t[0]
+        solved = self._states.t[: self._solved]
+        later = state_times(solved[solved > start], self._config.covariance_interval, start)
+        times = np.append(start, later)
+        times = times[: 1 + int(np.sum(times[:-1] < stop - SAME_TIME))]
+        numbers = self._first + np.searchsorted(self._states.t, times)
+        joint = joint_covariances(self._smoother.getISAM2(), numbers.tolist())
+        return CovarianceKnots(times, joint) if len(joint) else CovarianceKnots()

@@ -15,10 +15,18 @@ class Lag:
     def __init__(self, config: EstimatorConfig) -> None:
         self._seconds = config.lag
         self._ends: deque[float] = deque(maxlen=config.window)
+        self.position = 0.0
+        """How far the window has moved so far, in lengths of its own."""
 
     def advance(self, stop: float) -> None:
         """A cluster has ended at `stop`, or none later than the last one."""
+        previous = self.stop
         self._ends.append(max([stop, *self._ends]))
+        step = self.stop - previous
+        if np.isfinite(step) and self._seconds is not None:
+            self.position += step / (self._seconds + step)
+        elif np.isfinite(step):
+            self.position += 1 / float(self._ends.maxlen or 1)
 
     @property
     def stop(self) -> float:

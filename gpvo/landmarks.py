@@ -45,14 +45,7 @@ class Landmarks:
         order = np.lexsort((-measurements.stereo[:, 2], measurements.landmark))
         number, first = np.unique(measurements.landmark[order], return_index=True)
         nearest = order[first]
-        u, v, disparity = measurements.stereo[nearest].T
-        coordinates = np.column_stack(
-            [
-                (u - camera.cx) / camera.fx,
-                (v - camera.cy) / camera.fy,
-                disparity / (camera.fx * camera.baseline),
-            ]
-        )
+        coordinates = camera.inverse_depth(measurements.stereo[nearest])
         return Landmarks(number, T_world_cam[nearest], coordinates)
 
     def and_others(self, others: Landmarks) -> Landmarks:

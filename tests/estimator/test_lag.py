@@ -10,7 +10,7 @@ from synthetic import CAMERA, tracklets
 from test_estimators import METHODS, PERIOD, estimate
 
 from gpvo.config import EstimatorConfig, NoiseConfig
-from gpvo.incremental import IncrementalSmoother
+from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.lag import Lag
 
 
@@ -44,10 +44,10 @@ def test_the_window_starts_once_it_is_full() -> None:
 
 def smoother_with(
     factor: gtsam.NonlinearFactor | None, clusters: int = 9, added: int = 3
-) -> IncrementalSmoother:
+) -> FixedLagSmoother:
     """A smoother that got a factor of the newest state's after some clusters."""
     config = EstimatorConfig(window=3, state_interval=0.025)
-    smoother = IncrementalSmoother(CAMERA, NoiseConfig(), config)
+    smoother = FixedLagSmoother(CAMERA, NoiseConfig(), config)
     for frame, part in enumerate(tracklets(clusters=clusters, noise=0.3)):
         smoother.update(frame, (frame + 1) * PERIOD, part, None)
         if frame == added and factor is not None:

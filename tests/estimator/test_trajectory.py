@@ -20,7 +20,7 @@ from gpvo.tum import read_tum
 
 @pytest.fixture(scope="module")
 def trajectory() -> Trajectory:
-    return estimate(tracklets(noise=0.3), method="incremental")
+    return estimate(tracklets(noise=0.3), method="fixed_lag")
 
 
 def test_first_pose_is_the_world(trajectory: Trajectory) -> None:
