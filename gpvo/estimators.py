@@ -27,8 +27,11 @@ class Estimator(Protocol):
 
     def update(
         self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
-    ) -> None:
-        """Take what cluster number `frame`, which ended at `stop` seconds, added."""
+    ) -> States:
+        """Take what cluster number `frame`, which ended at `stop` seconds, added.
+
+        Returned are the states in the window as they are estimated now.
+        """
         ...
 
     def settled(self, after: float) -> States:

@@ -16,11 +16,12 @@ from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.covariance_knots import CovarianceKnots
 from gpvo.eliminated_landmarks import EliminatedLandmarks
 from gpvo.factor_graph import SAME_TIME, FactorMaker, state_times
+from gpvo.gate import within_gate
 from gpvo.increment import Increment, NumberedStates
 from gpvo.initialization import start_states, velocity_ahead
 from gpvo.joining import joined
 from gpvo.lag import Lag
-from gpvo.lag_window import new_times
+from gpvo.lag_window import Sensor, new_times
 from gpvo.landmark_variables import LandmarkVariables
 from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
@@ -28,10 +29,12 @@ from gpvo.robust import RobustLoss
 from gpvo.states import States, later_states
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
-from gpvo.window import FIXED, isam_parameters, joint_covariances, states_of
+from gpvo.window import FIXED, Window, isam_parameters, joint_covariances, states_of
 
 Array = NDArray[np.float64]
-SOLVED_ANEW = "indeterminate: the window solved anew by QR"
+SOLVED_ANEW = "indeterminate: the window solved anew"
+FAILURES = (RuntimeError, IndexError, ValueError)
+"""What GTSAM raises if a system is singular or a variable missing."""
 
 
 class Landmarks(Protocol):
@@ -85,15 +88,15 @@ class FixedLagSmoother:
         self._leave_before = -np.inf
         # Callbacks are faster for factors that Python keeps alive, by the time of the update.
         self._factors: dict[float, list[gtsam.NonlinearFactor]] = {}
-        # GTSAM's Cholesky is the faster one, but rejects states that are microseconds apart.
-        self._start_smoother("QR")
+        self._start_smoother()
 
     def update(
         self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
-    ) -> None:
+    ) -> States:
         """Take the inlier measurements that cluster number `frame`, which ended at `stop`, added.
 
-        Without any, the prior carries the estimate on to `stop`.
+        Without any, the prior carries the estimate on to `stop`. Returned are the states in the
+        window as they are estimated now.
         """
         possible, repairs = split_possible(measurements, stop)
         self.repairs += repairs
@@ -103,13 +106,15 @@ class FixedLagSmoother:
         elif len(possible):
             self._begin(increment, possible.t.min(), fit)
         else:
-            return
+            return States()
         self._lag.advance(stop)
         self._extend_states(increment, possible.t, stop, fit)
-        self._landmarks.add_to(increment, self._window, possible, self._leave_before)
+        accepted = self._accepted(possible)
+        self._landmarks.add_to(increment, self._window, accepted, self._leave_before)
         increment.add_factors(self._new)
         self._own, self._new = self._own + self._new, []
         self._solve(increment)
+        return self._states
 
     @property
     def window(self) -> range:
@@ -141,11 +146,17 @@ class FixedLagSmoother:
         return later_states(self._final, after)
 
     @property
+    def stored_bytes(self) -> int:
+        """Size of the final estimates and their covariances."""
+        states = sum(s.t.nbytes + s.T_world_cam.nbytes + s.twist.nbytes for s in self._final)
+        return states + sum(knots.t.nbytes + knots.joint.nbytes for knots in self._knots)
+
+    @property
     def _window(self) -> NumberedStates:
         return NumberedStates(self._first, self._states)
 
-    def _start_smoother(self, factorization: str) -> None:
-        self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, isam_parameters(factorization))
+    def _start_smoother(self) -> None:
+        self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, isam_parameters())
         # While Python holds it, GTSAM does not copy all values for each factor written in Python.
         self._linearization_point = self._smoother.getLinearizationPoint()
 
@@ -156,11 +167,26 @@ class FixedLagSmoother:
         increment.add_factors(self._anchor())
 
     def _anchor(self) -> list[gtsam.NonlinearFactor]:
-        """Priors on the window's first state, as uncertain as it was when it was solved last."""
-        deviations = np.repeat([FIXED, self._make.noise.initial_velocity], 6)
-        covariance = self._knots[-1].joint[-1, 12:, 12:] if self._knots else np.diag(deviations**2)
+        """Priors on the window's first state."""
         T_world_cam, twist = self._states.T_world_cam[0], self._states.twist[0]
-        return self._make.anchor(self._first, T_world_cam, twist, covariance)
+        return self._make.anchor(self._first, T_world_cam, twist, self._first_covariance)
+
+    @property
+    def _first_covariance(self) -> Array:
+        """(12, 12) of the window's first state when it was solved last."""
+        if self._knots:
+            return self._knots[-1].joint[-1, 12:, 12:]
+        return np.diag(np.repeat([FIXED, self._make.noise.initial_velocity], 6) ** 2)
+
+    def _accepted(self, new: Measurements) -> Measurements:
+        """Without the measurements beyond the gate."""
+        sensor = Sensor(self._make.camera, self._make.noise, self._config)
+        start = self._knots[-1].t[-1] if self._knots else self._states.t[0]
+        states = self._states[int(np.searchsorted(self._states.t, start)) :]
+        known = self._landmarks.used
+        new, repairs = within_gate(sensor, states, self._first_covariance, known, new)
+        self.repairs += repairs
+        return new
 
     def _keep_covariances(self) -> None:
         """Of the states that leave with the next update, which the latest cluster made old."""
@@ -188,7 +214,7 @@ class FixedLagSmoother:
         increment.add_factors(self._make.motion(self.window[last:], self._states.t[last:]))
 
     def _solve(self, increment: Increment) -> None:
-        """Update the smoother; if that fails make it anew, by QR, without what is to blame.
+        """Update the smoother; if that fails make it anew, without what is to blame.
 
         That may be factors of others, then the landmarks that GTSAM names, then all of them.
         """
@@ -210,13 +236,13 @@ class FixedLagSmoother:
             failure = self._failure(self._window_anew())
         if failure is not None:
             self._states = self._states[:1].at(self._states.t)
-            self._update(self._window_anew())
+            self._failure(self._window_anew())
 
     def _failure(self, increment: Increment) -> Exception | None:
         """Update the smoother; what went wrong if that fails."""
         try:
             self._update(increment)
-        except (RuntimeError, IndexError, ValueError) as error:
+        except FAILURES as error:
             return error
         return None
 
@@ -249,7 +275,7 @@ class FixedLagSmoother:
         """Everything in the window, for a smoother that knows nothing yet."""
         old = int(np.sum(self._states.t < self._leave_before - SAME_TIME))
         self._let_go(old, self._states[old:])
-        self._start_smoother("QR")
+        self._start_smoother()
         increment, t = Increment(), self._states.t
         increment.add_factors([*self._anchor(), *self._make.motion(self.window, t), *self._own])
         increment.add_states(self._window)
@@ -264,5 +290,14 @@ class FixedLagSmoother:
         times = np.append(start, later)
         times = times[: 1 + int(np.sum(times[:-1] < stop - SAME_TIME))]
         numbers = self._first + np.searchsorted(self._states.t, times)
-        joint = joint_covariances(self._smoother.getISAM2(), numbers.tolist())
+        joint = self._joint_covariances(numbers)
         return CovarianceKnots(times, joint) if len(joint) else CovarianceKnots()
+
+    def _joint_covariances(self, numbers: NDArray[np.int64]) -> Array:
+        """(n - 1, 24, 24) of states of these numbers; the prior's alone if GTSAM has none."""
+        try:
+            return joint_covariances(self._smoother.getISAM2(), numbers.tolist())
+        except FAILURES:
+            states = self._states.at(self._states.t[numbers - self._first])
+            window = Window(states, Measurements.concatenate([]), self._first_covariance)
+            return window.joint_covariances(self._make, len(numbers) - 1)

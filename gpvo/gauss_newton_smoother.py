@@ -56,15 +56,16 @@ class GaussNewtonSmoother:
 
     def update(
         self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
-    ) -> None:
+    ) -> States:
         """Take the inlier measurements that cluster number `frame`, which ended at `stop`, added.
 
-        Without any, the prior carries the estimate on to `stop`.
+        Without any, the prior carries the estimate on to `stop`. Returned are the states in the
+        window as they are estimated now.
         """
         possible, repairs = split_possible(measurements, stop)
         self.repairs += repairs
         if self._window is None and len(possible) == 0:
-            return
+            return States()
         window = self._window or self._first_window(possible.t.min(), fit)
         self._lag.advance(max(stop, window.states.t[-1]))
         last = window.states[-1:]
@@ -76,6 +77,7 @@ class GaussNewtonSmoother:
         with one_blas_thread():
             if self._solve(window.extended(t, ahead), possible):
                 self._let_go()
+        return States() if self._window is None else self._window.states
 
     def trajectory(self, start_ns: int) -> Trajectory | None:
         """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""

@@ -66,6 +66,8 @@ class Quadratic:
 
     def root(self, combinations: Array) -> Array:
         """(D, n) matrix M so that MᵀM is the covariance of linear combinations (D, n)."""
+        if len(self.g) == 0:  # LAPACK takes no empty matrices
+            return np.empty(combinations.shape)
         lower, scale = self._factor
         scaled = np.multiply(combinations, scale[:, None], order="F")
         root, _ = lapack.dtrtrs(lower, scaled, lower=1, overwrite_b=1)

@@ -27,6 +27,7 @@ from gpvo.window_optimizer import Optimum, minimize
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+BEYOND_GATE = "beyond the gate: measurement left out"
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,8 @@ class LagWindow:
         repairs: list[Repair] = []
         new = new[(new.t >= self.states.t[0]) & (new.t <= self.states.t[-1])]
         if self.sensor.config.gate > 0:
-            inside = self._inside_gate(new)
-            repairs = repairs_of(new[~inside], "beyond the gate: measurement left out")
+            inside = self.inside_gate(new)
+            repairs = repairs_of(new[~inside], BEYOND_GATE)
             new = new[inside]
         known = Measurements.concatenate([self.measurements, new])
         known = known[np.argsort(known.t, kind="stable")]
@@ -184,8 +185,8 @@ class LagWindow:
     def _usable(self, measurements: Measurements) -> Measurements:
         return measurements[self.landmarks.contains(measurements.landmark)]
 
-    def _inside_gate(self, new: Measurements) -> NDArray[np.bool_]:
-        """Which measurements (N,) lie where the window predicts them; unknown landmarks do."""
+    def inside_gate(self, new: Measurements) -> NDArray[np.bool_]:
+        """(N,) which measurements lie where the window predicts them; of unknown landmarks all."""
         inside = np.ones(len(new), bool)
         known = np.flatnonzero(self.landmarks.contains(new.landmark))
         if len(known) == 0:

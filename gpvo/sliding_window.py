@@ -11,8 +11,10 @@ from factors import StereoCamera
 from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.covariance_knots import CovarianceKnots
 from gpvo.factor_graph import FactorMaker, seen_twice, state_times
+from gpvo.gate import within_gate
 from gpvo.initialization import start_states, velocity_ahead
 from gpvo.lag import Lag
+from gpvo.lag_window import Sensor
 from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
 from gpvo.robust import RobustLoss
@@ -44,28 +46,38 @@ class SlidingWindow:
 
     def update(
         self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
-    ) -> None:
+    ) -> States:
         """Take the inlier measurements that cluster number `frame`, which ended at `stop`, added.
 
-        Without any, the prior carries the estimate on to `stop`.
+        Without any, the prior carries the estimate on to `stop`. Returned are the states in the
+        window as they are estimated now.
         """
         possible, repairs = split_possible(measurements, stop)
         self.repairs += repairs
         if len(self._states) == 0:
             if len(possible) == 0:
-                return
+                return States()
             self._states = start_states(possible.t.min(), fit, self._make.noise)
         earlier = self._measurements
-        self._add(stop, possible)
+        self._add(stop, self._accepted(possible))
         t = self._window_times()
         if len(t) < 2:
-            return
+            return self._states
         optimized = self._optimized(t, fit)
         final = int(np.searchsorted(self._states.t, t[0]))
         if final:
             self._knots.append(self._knots_until(t[0], earlier))
             self._final.append(self._states[:final])
         self._states = optimized
+        return optimized
+
+    def _accepted(self, new: Measurements) -> Measurements:
+        """Without the measurements beyond the gate."""
+        sensor = Sensor(self._make.camera, self._make.noise, self._config)
+        covariance = np.diag(self._anchor_deviations**2)
+        new, repairs = within_gate(sensor, self._states, covariance, self._measurements, new)
+        self.repairs += repairs
+        return new
 
     def _optimized(self, t: Array, fit: VelocityFit | None) -> States:
         """States at times t (K,); without the measurements if these do not determine them."""

@@ -149,9 +149,10 @@ class _Recorder:
 
     def update(
         self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
-    ) -> None:
+    ) -> States:
         """Remember a cluster's measurements."""
         self.clusters.append(measurements)
+        return States()
 
     def settled(self, after: float) -> States:
         """There are none."""

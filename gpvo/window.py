@@ -71,7 +71,7 @@ class Window:
 
     def joint_covariances(self, make: FactorMaker, count: int) -> Array:
         """(count, 24, 24) joint covariances of the first states and the next of each."""
-        solved = gtsam.ISAM2(isam_parameters("QR"))
+        solved = gtsam.ISAM2(isam_parameters())
         solved.update(self.graph(make), self.values(make))
         return joint_covariances(solved, range(count + 1))
 
@@ -113,14 +113,13 @@ def gauss_newton(
     return values
 
 
-def isam_parameters(factorization: str) -> gtsam.ISAM2Params:
+def isam_parameters() -> gtsam.ISAM2Params:
     """iSAM2 that relinearizes whatever moved, as stiff chains of states need it.
 
-    "QR" takes states any time apart; "CHOLESKY" is faster, and GTSAM rejects states microseconds
-    apart.
+    By QR: GTSAM's Cholesky rejects well-posed systems of states that are microseconds apart.
     """
     parameters = gtsam.ISAM2Params()
-    parameters.setFactorization(factorization)
+    parameters.setFactorization("QR")
     parameters.setRelinearizeThreshold(1e-3)
     parameters.relinearizeSkip = 1
     parameters.findUnusedFactorSlots = True

@@ -175,6 +175,35 @@ def test_robust_losses_survive_half_outliers(method: str, loss: str) -> None:
     check(trajectory)
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("interval", [0.0, 0.025])
+def test_the_gate_keeps_wrong_measurements_out_and_tells_them(method: str, interval: float) -> None:
+    """Of landmarks that are known by then; those that are right come in."""
+    parts = tracklets(clusters=7, per_cluster=10, noise=0.3)
+    known, count = np.unique(np.concatenate([p.landmark for p in parts[:4]]), return_counts=True)
+    wrong = [np.isin(part.landmark, known[count >= 2][::2]) for part in parts[4:]]
+    for part, mask in zip(parts[4:], wrong, strict=True):
+        part.stereo[mask, :2] += 40.0
+    values = {tuple(x) for p, m in zip(parts[4:], wrong, strict=True) for x in p.stereo[m].tolist()}
+    settings = {"method": method, "state_interval": interval}
+    gated, repairs = run(regular(parts), gate=0.9999, **settings)
+    told = {repair.measurement for repair in repairs if "gate" in repair.reason}
+    assert told == values
+    assert np.abs(gated.velocity(gated.t) - TWIST).max() < 0.1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_update_returns_the_window_as_it_is_estimated_now(method: str) -> None:
+    estimator = METHODS[method](CAMERA, NoiseConfig(), EstimatorConfig(state_interval=0.025))
+    assert len(estimator.update(0, PERIOD, NOTHING, None)) == 0
+    for frame, part in enumerate(tracklets(clusters=7), 1):
+        states = estimator.update(frame, (frame + 1) * PERIOD, part, None)
+    trajectory = estimator.trajectory(0)
+    assert trajectory is not None and len(states) < len(trajectory)
+    assert np.array_equal(states.t, trajectory.t[-len(states) :])
+    assert np.allclose(states.T_world_cam, trajectory.T_world_cam[-len(states) :], atol=1e-12)
+
+
 def test_impossible_measurements_are_told_with_key_time_and_values() -> None:
     for method in METHODS:
         _, repairs = run(broken_numbers(), method=method)
