@@ -16,7 +16,7 @@ import numpy as np
 from factors import StereoCamera
 from factors.lie import se3_exp, se3_inverse
 from gpvo.config import EstimatorConfig, NoiseConfig
-from gpvo.gauss_newton_smoother import GaussNewtonSmoother
+from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 
@@ -48,7 +48,7 @@ def estimate() -> Trajectory:
     rng = np.random.default_rng(0)
     points = rng.uniform([-1.0, -0.7, 1.5], [1.0, 0.7, 3.0], (30, 3))
     nothing = Measurements.concatenate([])
-    smoother = GaussNewtonSmoother(CAMERA, NoiseConfig(), EstimatorConfig())
+    smoother = FixedLagSmoother(CAMERA, NoiseConfig(), EstimatorConfig(state_interval=0.025))
     for frame in range(CLUSTERS):
         measurements = nothing if frame in GAP else measure(frame, points, rng)
         smoother.update(frame, (frame + 1) * PERIOD, measurements, None)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import gtsam
 import numpy as np
@@ -17,7 +15,7 @@ from gpvo.covariance_knots import CovarianceKnots
 from gpvo.eliminated_landmarks import EliminatedLandmarks
 from gpvo.factor_graph import SAME_TIME, FactorMaker, state_times
 from gpvo.gate import within_gate
-from gpvo.increment import Increment, NumberedStates
+from gpvo.increment import Increment, Landmarks, NumberedStates
 from gpvo.initialization import start_states, velocity_ahead
 from gpvo.joining import joined
 from gpvo.lag import Lag
@@ -35,26 +33,6 @@ Array = NDArray[np.float64]
 SOLVED_ANEW = "indeterminate: the window solved anew"
 FAILURES = (RuntimeError, IndexError, ValueError)
 """What GTSAM raises if a system is singular or a variable missing."""
-
-
-class Landmarks(Protocol):
-    """How landmarks enter the graph; `used` are the measurements in the window."""
-
-    used: Measurements
-
-    def add_to(
-        self, increment: Increment, window: NumberedStates, new: Measurements, leave_before: float
-    ) -> None:
-        """Add what new measurements tell; states before `leave_before` leave with this update."""
-        ...
-
-    def add_all_to(self, increment: Increment, window: NumberedStates) -> None:
-        """Add what all measurements in the window tell, to a smoother that is new."""
-        ...
-
-    def updated(self, estimate: gtsam.Values, states: States, added: Sequence[int]) -> None:
-        """The smoother's new estimate, and the indices of the factors that were added."""
-        ...
 
 
 class FixedLagSmoother:

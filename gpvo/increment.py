@@ -1,10 +1,10 @@
-"""What one update adds to GTSAM's fixed-lag smoother, and takes out of it."""
+"""What one update adds to GTSAM's fixed-lag smoother and takes out of it, and how landmarks do."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import gtsam
 import numpy as np
@@ -12,6 +12,7 @@ from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
 from gpvo.states import States
+from gpvo.tracklets import Measurements
 
 Array = NDArray[np.float64]
 
@@ -52,3 +53,23 @@ class Increment:
             self.values.insert(X(state), gtsam.Pose3(T_world_cam[k]))
             self.values.insert(V(state), twist[k])
             self.stamps[X(state)] = self.stamps[V(state)] = t[k]
+
+
+class Landmarks(Protocol):
+    """How landmarks enter the graph; `used` are the measurements in the window."""
+
+    used: Measurements
+
+    def add_to(
+        self, increment: Increment, window: NumberedStates, new: Measurements, leave_before: float
+    ) -> None:
+        """Add what new measurements tell; states before `leave_before` leave with this update."""
+        ...
+
+    def add_all_to(self, increment: Increment, window: NumberedStates) -> None:
+        """Add what all measurements in the window tell, to a smoother that is new."""
+        ...
+
+    def updated(self, estimate: gtsam.Values, states: States, added: Sequence[int]) -> None:
+        """The smoother's new estimate, and the indices of the factors that were added."""
+        ...

@@ -16,7 +16,7 @@ from gpvo.errors import InputError
 from gpvo.estimators import make_estimator
 from gpvo.front_end import FrontEnd
 from gpvo.recordings.base import Recording
-from gpvo.threads import one_blas_thread
+from gpvo.threads import one_blas_thread, prefetched
 from gpvo.tracking import Tracker
 from gpvo.trajectory import Trajectory
 
@@ -95,7 +95,7 @@ class Odometry:
         """
         slabs = recording.slabs(start, start + duration)
         clusters = cluster_events(slabs, self._rig, self.configuration.clustering)
-        for cluster in self._staged("events and clustering", clusters):
+        for cluster in prefetched(self._staged("events and clustering", clusters)):
             report = self.process(cluster)
             if progress is not None:
                 progress(report)
