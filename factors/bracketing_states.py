@@ -1,0 +1,70 @@
+"""The states that measurements lie between, each at its own time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import gtsam
+import numpy as np
+from numpy.typing import ArrayLike
+
+from factors.checks import checked_array
+from factors.kernels import Array
+from factors.landmark_kernels import poses_between_kernel
+
+State = tuple[int, int, float]
+"""Keys of the pose and the velocity, and the time in seconds."""
+
+
+def checked_times(times: ArrayLike, count: int) -> Array:
+    """(count,) finite seconds."""
+    t = checked_array("times", times, ())
+    if t.shape != (count,):
+        raise ValueError(f"times must have one entry for each of {count} measurements")
+    return t
+
+
+class BracketingStates:
+    """Those of the states that bracket a time, and the poses at the times.
+
+    Attributes
+    ----------
+    states
+        (pose key, velocity key, time) of the m states.
+    first
+        (n,) the first of its two states for each time.
+    a, b
+        (n,) seconds from that one, and to the next.
+    """
+
+    def __init__(self, t: Array, states: Sequence[State]) -> None:
+        t_states = checked_array("states", [time for _, _, time in states], ())
+        if len(t_states) < 2 or (np.diff(t_states) <= 0).any():
+            raise ValueError("states must be two or more in order of time")
+        if t.min() < t_states[0] or t.max() > t_states[-1]:
+            raise ValueError(
+                f"times from {t.min()} to {t.max()} must lie between the states' {t_states[0]} "
+                f"and {t_states[-1]}"
+            )
+        first = np.minimum(np.searchsorted(t_states, t, side="right"), len(t_states) - 1) - 1
+        self.a, self.b = t - t_states[first], t_states[first + 1] - t
+        used = np.union1d(first, first + 1)
+        self.states = [states[i] for i in used]
+        self.first = np.searchsorted(used, first).astype(np.int64)
+
+    @property
+    def keys(self) -> list[int]:
+        """Pose and velocity of each state."""
+        return [key for pose, velocity, _ in self.states for key in (pose, velocity)]
+
+    def read(self, values: gtsam.Values) -> tuple[Array, Array]:
+        """Poses (m, 4, 4) and velocities (m, 6) of the states."""
+        T_states, v_states = np.empty((len(self.states), 4, 4)), np.empty((len(self.states), 6))
+        for i, (pose, velocity, _) in enumerate(self.states):
+            T_states[i] = values.atPose3(pose).matrix()
+            v_states[i] = values.atVector(velocity)
+        return T_states, v_states
+
+    def poses(self, T_states: Array, v_states: Array) -> Array:
+        """(n, 4, 4) poses at the times."""
+        return poses_between_kernel(T_states, v_states, self.first, self.a, self.b)

@@ -1,0 +1,254 @@
+"""The arithmetic of landmarks that are seen from many poses: where they fit best.
+
+A landmark's coordinates are (x / z, y / z, 1 / z) in a frame of its own, its chart: homogeneous, so
+that nothing special happens at infinity or a little beyond. The k-th landmark's measurements are
+those from start[k] to start[k + 1].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.kernels import Array, exp_kernel, inner_kernel, kernel
+from factors.local import hermite_weights, interpolated_local_kernel, local_state_kernel
+from factors.losses import loss_kernel
+
+Index = NDArray[np.int64]
+
+_CONVERGED = 1e-12  # squared distance to the optimum in standard deviations, of one and the cost
+
+
+@kernel
+def poses_between_kernel(
+    T_states: Array, v_states: Array, first: Index, a: Array, b: Array
+) -> Array:
+    """(n, 4, 4) poses at a (n,) seconds after the state `first` (n,) and b before the next one."""
+    local_j = np.empty((len(T_states) - 1, 12))
+    for i in range(len(local_j)):
+        local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+    T = np.zeros((len(a), 4, 4))
+    for n in range(len(a)):
+        i = first[n]
+        local = interpolated_local_kernel(v_states[i], local_j[i], hermite_weights(a[n], b[n]))
+        step = exp_kernel(local)
+        for r in range(4):
+            for k in range(4):
+                for c in range(4):
+                    T[n, r, c] += T_states[i, r, k] * step[k, c]
+    return T
+
+
+@kernel
+def landmarks_kernel(
+    T: Array,
+    charts: Array,
+    coordinates: Array,
+    start: Index,
+    measured: Array,
+    camera: Array,
+    whitening: Array,
+    weights: Array,
+    loss: Array,
+    steps: int,
+) -> Array:
+    """(L, 3) coordinates in the charts (L, 4, 4) after some steps of Newton's method.
+
+    The losses are times the weights (n,). Each step is halved until the cost falls; it is one of
+    iteratively reweighted least squares where the cost is not convex.
+    """
+    found = coordinates.copy()
+    system, trial, step = np.empty((7, 4)), np.empty(3), np.empty(3)
+    for k in range(len(found)):
+        q, chart, first, last = found[k], charts[k], start[k], start[k + 1]
+        _system_kernel(T, chart, q, first, last, measured, camera, whitening, weights, loss, system)
+        for _ in range(steps):
+            decrease = _step_kernel(system, step)
+            before, scale = system[6, 0], 1.0
+            if decrease <= _CONVERGED * (1 + before):
+                for i in range(3):
+                    q[i] += step[i]
+                break
+            while scale > 1e-3:
+                for i in range(3):
+                    trial[i] = q[i] + scale * step[i]
+                _system_kernel(
+                    T, chart, trial, first, last, measured, camera, whitening, weights, loss, system
+                )
+                if system[6, 0] <= before:
+                    break
+                scale *= 0.5
+            if not system[6, 0] <= before:
+                break
+            q[:] = trial
+    return found
+
+
+@kernel
+def distances_kernel(
+    T: Array,
+    charts: Array,
+    coordinates: Array,
+    start: Index,
+    measured: Array,
+    camera: Array,
+    whitening: Array,
+) -> Array:
+    """(n,) norms of the whitened errors of all measurements."""
+    distances = np.empty(len(T))
+    h, by_h, rows = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
+    for k in range(len(charts)):
+        for n in range(start[k], start[k + 1]):
+            landmark_rows_kernel(
+                T[n], charts[k], coordinates[k], measured[n], camera, whitening, h, by_h, rows
+            )
+            distances[n] = np.sqrt(rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2)
+    return distances
+
+
+@inner_kernel
+def landmark_rows_kernel(
+    T: Array,
+    chart: Array,
+    q: Array,
+    measured: Array,
+    camera: Array,
+    whitening: Array,
+    h: Array,
+    by_h: Array,
+    rows: Array,
+) -> None:
+    """Write the whitened error to column 9 of rows (3, 10), its derivatives by q to 6 to 8.
+
+    And the point h (3,) in the camera's frame, times the inverse depth in the chart, with the
+    derivatives by_h (3, 3) of the error. Behind the camera: a large constant error without
+    derivatives, as GTSAM's own stereo factor.
+    """
+    fx, fy, cx, cy, baseline = camera[0], camera[1], camera[2], camera[3], camera[4]
+    dx, dy, dz = chart[0, 3] - T[0, 3], chart[1, 3] - T[1, 3], chart[2, 3] - T[2, 3]
+    for i in range(3):
+        a, b, c = T[0, i], T[1, i], T[2, i]
+        # The derivative of h by q, for a moment.
+        rows[i, 6] = a * chart[0, 0] + b * chart[1, 0] + c * chart[2, 0]
+        rows[i, 7] = a * chart[0, 1] + b * chart[1, 1] + c * chart[2, 1]
+        rows[i, 8] = a * dx + b * dy + c * dz
+        h[i] = a * chart[0, 2] + b * chart[1, 2] + c * chart[2, 2]
+        h[i] += rows[i, 6] * q[0] + rows[i, 7] * q[1] + rows[i, 8] * q[2]
+    inverse, u, v, disparity = 0.0, 2 * fx, 2 * fx, 2 * fx
+    x, y = 0.0, 0.0
+    if h[2] > 0:
+        inverse = 1 / h[2]
+        x, y = h[0] * inverse, h[1] * inverse
+        u, v = fx * x + cx - measured[0], fy * y + cy - measured[1]
+        disparity = fx * baseline * q[2] * inverse - measured[2]
+    by_u, by_v, by_disparity = fx * inverse, fy * inverse, fx * baseline * inverse
+    for i in range(3):
+        a, b, c = whitening[i, 0] * by_u, whitening[i, 1] * by_v, whitening[i, 2] * by_disparity
+        by_h[i, 0], by_h[i, 1] = a, b
+        by_h[i, 2] = -a * x - b * y - c * q[2] * inverse
+        rows[i, 9] = whitening[i, 0] * u + whitening[i, 1] * v + whitening[i, 2] * disparity
+    for j in range(6, 9):
+        a, b, c = rows[0, j], rows[1, j], rows[2, j]
+        for i in range(3):
+            rows[i, j] = by_h[i, 0] * a + by_h[i, 1] * b + by_h[i, 2] * c
+    for i in range(3):
+        rows[i, 8] += whitening[i, 2] * by_disparity
+
+
+@inner_kernel
+def pose_rows_kernel(q: Array, h: Array, by_h: Array, weight: float, rows: Array) -> None:
+    """Write the derivatives by the pose to columns 0 to 5 of rows, and weight the squares of all.
+
+    The others are those that `landmark_rows_kernel` wrote.
+    """
+    scale = np.sqrt(weight)
+    for i in range(3):
+        a, b, c = by_h[i, 0], by_h[i, 1], by_h[i, 2]
+        rows[i, 0], rows[i, 1] = b * h[2] - c * h[1], c * h[0] - a * h[2]
+        rows[i, 2] = a * h[1] - b * h[0]
+        rows[i, 3], rows[i, 4], rows[i, 5] = -q[2] * a, -q[2] * b, -q[2] * c
+        for j in range(10):
+            rows[i, j] *= scale
+
+
+@inner_kernel
+def _system_kernel(
+    T: Array,
+    chart: Array,
+    q: Array,
+    first: int,
+    last: int,
+    measured: Array,
+    camera: Array,
+    whitening: Array,
+    weights: Array,
+    loss: Array,
+    system: Array,
+) -> None:
+    """Write [AᵀA Aᵀe] (3, 4) of reweighted least squares, what Newton's method adds, and the cost.
+
+    That is the second derivative of the loss along the error, less the weight.
+    """
+    h, by_h, rows, gradient = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.empty(3)
+    system[:] = 0.0
+    for n in range(first, last):
+        landmark_rows_kernel(T[n], chart, q, measured[n], camera, whitening, h, by_h, rows)
+        square = rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2
+        cost, weight, second = loss_kernel(square, loss)
+        system[6, 0] += weights[n] * cost
+        for i in range(3):
+            gradient[i] = 0.0
+            for r in range(3):
+                gradient[i] += rows[r, 6 + i] * rows[r, 9]
+            system[i, 3] += weights[n] * weight * gradient[i]
+            for j in range(i + 1):
+                product = 0.0
+                for r in range(3):
+                    product += rows[r, 6 + i] * rows[r, 6 + j]
+                system[i, j] += weights[n] * weight * product
+        if second < weight:
+            along = weights[n] * (second - weight) / square
+            for i in range(3):
+                for j in range(i + 1):
+                    system[3 + i, j] += along * gradient[i] * gradient[j]
+
+
+@inner_kernel
+def _step_kernel(system: Array, step: Array) -> float:
+    """Write Newton's step (3,), and return its squared length in standard deviations.
+
+    Where that is not well determined, it is the step of reweighted least squares, and zero along
+    what that does not determine.
+    """
+    plain, newton = np.empty((3, 3)), np.empty((3, 3))
+    for i in range(3):
+        for j in range(i + 1):
+            plain[i, j], newton[i, j] = system[i, j], system[i, j] + system[3 + i, j]
+    _factorize_kernel(plain)
+    _factorize_kernel(newton)
+    convex = True
+    for i in range(3):
+        convex = convex and newton[i, i] >= 0.01 * plain[i, i]
+    factors, length = newton if convex else plain, 0.0
+    for i in range(3):
+        step[i] = -system[i, 3]
+        for j in range(i):
+            step[i] -= factors[i, j] * step[j]
+    for i in range(2, -1, -1):
+        step[i] = step[i] / factors[i, i] if factors[i, i] > 0 else 0.0
+        for j in range(i + 1, 3):
+            step[i] -= factors[j, i] * step[j]
+        length -= step[i] * system[i, 3]
+    return length
+
+
+@inner_kernel
+def _factorize_kernel(A: Array) -> None:
+    """L and D of L D Lᵀ, in place of the lower triangle of A (3, 3); L is zero below no pivot."""
+    for i in range(3):
+        inverse = 1 / A[i, i] if A[i, i] > 0 else 0.0
+        for k in range(i + 1, 3):
+            for j in range(i + 1, k + 1):
+                A[k, j] -= inverse * A[k, i] * A[j, i]
+        for k in range(i + 1, 3):
+            A[k, i] *= inverse

@@ -1,0 +1,391 @@
+"""All landmarks in one factor without them: what it tells of the states is what they tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import gtsam
+import numpy as np
+import pytest
+from graphs import CAMERA, NOISE, QC, derivative, random_states, seeds, state
+from gtsam.symbol_shorthand import L, V, X
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from factors import (
+    InterpolatedStereoFactor,
+    StereoReprojectionFactor,
+    StructurelessStereoFactor,
+    TrackletFactor,
+    WnoaPriorFactor,
+    interpolate,
+    optimize,
+)
+from factors.lie import se3_adjoint, se3_exp, se3_inverse
+from factors.structureless_kernels import root_kernel
+
+Array = NDArray[np.float64]
+Measured = tuple[Array, Array, NDArray[np.int64]]
+
+examples = settings(deadline=None, max_examples=10)
+DT, COUNT = 0.05, 3
+STATES = [(X(k), V(k), k * DT) for k in range(COUNT)]
+KEYS = [key for x, v, _ in STATES for key in (x, v)]
+ESTIMATORS = gtsam.noiseModel.mEstimator
+HUBER = gtsam.noiseModel.Robust.Create(ESTIMATORS.Huber.Create(0.5), NOISE)
+CAUCHY = gtsam.noiseModel.Robust.Create(ESTIMATORS.Cauchy.Create(1.5), NOISE)
+FAIR = gtsam.noiseModel.Robust.Create(ESTIMATORS.Fair.Create(1.0), NOISE)
+MODELS = pytest.mark.parametrize(
+    "model", [NOISE, HUBER, CAUCHY, FAIR], ids=["gaussian", "huber", "cauchy", "fair"]
+)
+
+
+def scene(seed: int, seen: int = 6) -> tuple[gtsam.Values, Measured]:
+    """Three states, and measurements at random times and in random order of five landmarks."""
+    values, rng = random_states(seed, DT, COUNT), np.random.default_rng(seed)
+    values.erase(L(0))
+    number = rng.permutation(np.repeat([7, -3, 2**40, 0, 11], seen))
+    times = rng.uniform(0, DT * (COUNT - 1), len(number))
+    points = np.c_[rng.uniform(-1, 1, (5, 2)), rng.uniform(2, 6, 5), np.ones(5)]
+    in_world = (state(values, 0)[0] @ points.T).T[np.unique(number, return_inverse=True)[1]]
+    seen_from = np.einsum("nij,nj->ni", se3_inverse(poses(values, times)), in_world)
+    measured = CAMERA.project(seen_from[:, :3]) + rng.normal(size=(len(number), 3)) * [1, 1, 0.3]
+    return values, (measured, times, number)
+
+
+def poses(values: gtsam.Values, times: Array) -> Array:
+    """(n, 4, 4) poses between the states at the times (n,)."""
+    i = np.clip((times / DT).astype(int), 0, COUNT - 2)
+    T, v = (np.array(part) for part in zip(*(state(values, k) for k in range(COUNT)), strict=True))
+    return interpolate(T[i], v[i], T[i + 1], v[i + 1], i * DT, (i + 1) * DT, times).pose
+
+
+def structureless(data: Measured, model: Any = NOISE) -> StructurelessStereoFactor:
+    return StructurelessStereoFactor(*data, model, STATES, CAMERA)
+
+
+def tracklets(data: Measured, model: Any = NOISE) -> list[TrackletFactor]:
+    """One factor for each landmark, in order of the landmarks."""
+    measured, times, number = data
+    factors = []
+    for n in np.unique(number):
+        rows = np.flatnonzero(number == n)
+        rows = rows[np.argsort(times[rows])]
+        factors.append(TrackletFactor(measured[rows], times[rows], model, STATES, CAMERA))
+    return factors
+
+
+def explicit(data: Measured, model: Any = NOISE) -> list[gtsam.CustomFactor]:
+    """A factor for each measurement; landmark k in increasing order is L(k)."""
+    measured, times, number = data
+    points = np.unique(number, return_inverse=True)[1]
+    factors = []
+    for stereo, t, point in zip(measured, times, points.tolist(), strict=True):
+        k = min(int(t / DT), COUNT - 2)
+        keys = X(k), V(k), X(k + 1), V(k + 1), L(point)
+        interval = k * DT, (k + 1) * DT, t
+        factors.append(InterpolatedStereoFactor(stereo, model, *keys, CAMERA, *interval))
+    return factors
+
+
+def graph_of(factors: list[Any]) -> gtsam.NonlinearFactorGraph:
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in factors:
+        graph.add(factor)
+    return graph
+
+
+def information(
+    factors: list[Any], values: gtsam.Values, keys: list[int] = KEYS
+) -> tuple[Array, Array]:
+    """Hessian and gradient of half the squared error by the states."""
+    ordering = gtsam.Ordering()
+    for key in keys:
+        ordering.push_back(key)
+    H, minus_gradient = graph_of(factors).linearize(values).hessian(ordering)
+    return H, -minus_gradient
+
+
+def with_landmarks(values: gtsam.Values, points: Array) -> gtsam.Values:
+    both = gtsam.Values(values)
+    for k, point in enumerate(points):
+        both.insert(L(k), point)
+    return both
+
+
+def assert_same(found: Array, expected: Array, tolerance: float = 1e-8) -> None:
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+
+
+@MODELS
+@given(seed=seeds)
+@examples
+def test_it_tells_what_its_tracklets_tell(model: Any, seed: int) -> None:
+    values, data = scene(seed)
+    one, many = structureless(data, model), tracklets(data, model)
+    points = np.array([each.landmark(values) for each in many])
+    assume(np.allclose(one.landmarks(values)[1], points, rtol=1e-4))  # the same of two minima
+    np.testing.assert_allclose(one.error(values), graph_of(many).error(values), rtol=1e-7)
+    for found, expected in zip(information([one], values), information(many, values), strict=True):
+        assert_same(found, expected, 1e-5 if model is not NOISE else 1e-7)
+
+
+@MODELS
+@given(seed=seeds)
+@examples
+def test_it_tells_what_is_left_of_dense_jacobians_without_the_landmarks(
+    model: Any, seed: int
+) -> None:
+    """Projected onto the null space of the landmarks' derivatives."""
+    values, data = scene(seed)
+    one = structureless(data, model)
+    number, points = one.landmarks(values)
+    linear = graph_of(explicit(data, model)).linearize(with_landmarks(values, points))
+    ordering = gtsam.Ordering()
+    for key in [*KEYS, *(L(k) for k in range(len(number)))]:
+        ordering.push_back(key)
+    jacobian, minus_error = linear.jacobian(ordering)
+    by_states, by_landmarks = np.split(jacobian, [6 * len(KEYS)], axis=1)
+    Q = np.linalg.qr(by_landmarks)[0]
+    left = by_states - Q @ (Q.T @ by_states)
+    H, gradient = information([one], values)
+    assert_same(H, left.T @ left)
+    np.testing.assert_allclose(
+        gradient, -left.T @ minus_error, rtol=0, atol=1e-9 * np.linalg.norm(minus_error) * 1e3
+    )
+
+
+@MODELS
+@given(seed=seeds)
+@examples
+def test_it_costs_what_its_measurements_cost(model: Any, seed: int) -> None:
+    values, data = scene(seed)
+    one = structureless(data, model)
+    both = with_landmarks(values, one.landmarks(values)[1])
+    np.testing.assert_allclose(
+        one.error(values), graph_of(explicit(data, model)).error(both), rtol=1e-9
+    )
+
+
+@MODELS
+@given(seed=seeds)
+@examples
+def test_gradient(model: Any, seed: int) -> None:
+    """The landmarks are where they fit best, so their motion with the states does not count."""
+    values, data = scene(seed)
+    factor = structureless(data, model)
+    numerical = np.concatenate([derivative(factor.error, values, key, 1e-6) for key in KEYS])
+    assert_same(information([factor], values)[1], numerical, 1e-5)
+
+
+@MODELS
+@pytest.mark.parametrize("seed", range(3))
+def test_landmarks_are_where_gtsam_puts_them(model: Any, seed: int) -> None:
+    """With the poses held."""
+    values, data = scene(seed)
+    measured, times, number = data
+    found, points = structureless(data, model).landmarks(values)
+    np.testing.assert_array_equal(found, np.unique(number))
+    graph, start = gtsam.NonlinearFactorGraph(), with_landmarks(gtsam.Values(), points + 0.01)
+    of_point = np.searchsorted(found, number).tolist()
+    for n, T in enumerate(poses(values, times)):
+        start.insert(X(n), gtsam.Pose3(T))
+        graph.add(gtsam.NonlinearEqualityPose3(X(n), gtsam.Pose3(T)))
+        graph.add(StereoReprojectionFactor(measured[n], model, X(n), L(of_point[n]), CAMERA))
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setRelativeErrorTol(1e-15)
+    parameters.setAbsoluteErrorTol(1e-15)
+    parameters.setMaxIterations(500)
+    solved = gtsam.LevenbergMarquardtOptimizer(graph, start, parameters).optimize()
+    gtsams = np.array([solved.atPoint3(L(k)) for k in range(len(found))])
+    np.testing.assert_allclose(points, gtsams, rtol=0, atol=2e-5)
+
+
+@MODELS
+def test_a_graph_has_the_optimum_of_one_with_landmarks(model: Any) -> None:
+    truth, data = scene(1)
+    tight = gtsam.noiseModel.Isotropic.Sigma(6, 1e-3)
+    chain = [gtsam.PriorFactorPose3(X(0), truth.atPose3(X(0)), tight)]
+    chain += [gtsam.PriorFactorVector(V(0), truth.atVector(V(0)), tight)]
+    qc = 1e3 * QC  # the states accelerate by chance
+    chain += [WnoaPriorFactor(*KEYS[2 * k : 2 * k + 4], DT, qc) for k in range(COUNT - 1)]
+    start = gtsam.Values(truth)
+    start.update(X(2), truth.atPose3(X(2)).retract(np.full(6, 0.02)))
+    one = structureless(data, model)
+    without = solved([*chain, one], start)
+    near = gtsam.Values(without)
+    near.update(X(2), without.atPose3(X(2)).retract(np.full(6, 1e-3)))
+    near = with_landmarks(near, one.landmarks(near)[1] + 1e-3)
+    both = solved([*chain, *explicit(data, model)], near)
+    assert graph_of([*chain, one]).error(without) < graph_of([*chain, one]).error(start)
+    for k in range(COUNT):
+        assert without.atPose3(X(k)).equals(both.atPose3(X(k)), 1e-6)
+        np.testing.assert_allclose(without.atVector(V(k)), both.atVector(V(k)), atol=1e-5)
+    points = np.array([both.atPoint3(L(k)) for k in range(5)])
+    np.testing.assert_allclose(one.landmarks(without)[1], points, atol=1e-5)
+
+
+def solved(factors: list[Any], start: gtsam.Values) -> gtsam.Values:
+    return optimize(graph_of(factors), start, max_iterations=300, tolerance=1e-15)
+
+
+@MODELS
+@given(seed=seeds)
+@examples
+def test_the_order_of_the_measurements_does_not_matter(model: Any, seed: int) -> None:
+    values, data = scene(seed)
+    order = np.random.default_rng(seed).permutation(len(data[1]))
+    measured, times, number = (part[order] for part in data)
+    A, b = structureless(data, model).linearize(values).jacobian()
+    A_other, b_other = structureless((measured, times, number), model).linearize(values).jacobian()
+    np.testing.assert_array_equal(A_other, A)
+    np.testing.assert_array_equal(b_other, b)
+
+
+@given(seeds)
+@examples
+def test_the_world_frame_does_not_matter(seed: int) -> None:
+    values, data = scene(seed)
+    S = se3_exp(np.random.default_rng(seed).normal(size=6) * 3)
+    moved = gtsam.Values(values)
+    for k in range(COUNT):
+        moved.update(X(k), gtsam.Pose3(S @ state(values, k)[0]))
+    factor = structureless(data)
+    np.testing.assert_allclose(factor.error(moved), factor.error(values), rtol=1e-9)
+    for found, same in zip(
+        information([factor], moved), information([factor], values), strict=True
+    ):
+        assert_same(found, same)
+    points = factor.landmarks(values)[1]
+    np.testing.assert_allclose(
+        factor.landmarks(moved)[1], points @ S[:3, :3].T + S[:3, 3], rtol=0, atol=1e-7
+    )
+
+
+@given(seeds)
+@examples
+def test_it_tells_nothing_of_the_world_frame(seed: int) -> None:
+    """The six directions of the gauge, and no other."""
+    values, data = scene(seed, seen=10)
+    H, gradient = information([structureless(data)], values)
+    gauge = np.zeros((6 * len(KEYS), 6))
+    for k in range(COUNT):
+        gauge[12 * k : 12 * k + 6] = se3_adjoint(se3_inverse(state(values, k)[0]))
+    scale = np.sqrt(np.diag(H))
+    assert np.abs(H @ gauge / scale[:, None]).max() < 1e-8 * scale.max()
+    assert np.abs(gauge.T @ gradient).max() < 1e-7 * scale.max()
+    eigenvalues = np.linalg.eigvalsh(H / np.outer(scale, scale))
+    assert eigenvalues[5] < 1e-12
+    assert eigenvalues[6] > 1e-10
+
+
+@given(seeds, st.integers(0, 9), st.floats(-4, 4))
+@examples
+def test_root_of_singular_information(seed: int, rank: int, decades: float) -> None:
+    """Whatever the rank, and the units of the columns."""
+    rng = np.random.default_rng(seed)
+    J = rng.normal(size=(rank, 9)) * 10 ** (decades * rng.uniform(size=9))
+    H = J.T @ J
+    scale = np.sqrt(np.diag(H))
+    R = root_kernel(np.triu(H), scale)
+    assert np.all(np.abs(R.T @ R - H) <= 1e-11 * np.outer(scale, scale))
+    assert np.count_nonzero(np.abs(R).max(axis=1)) <= rank + 1
+
+
+@given(seeds)
+@examples
+def test_a_landmark_measured_once_tells_nothing(seed: int) -> None:
+    values, (measured, times, number) = scene(seed)
+    more = np.r_[measured, [[100.0, 120.0, 3.0]]], np.r_[times, 0.06], np.r_[number, 99]
+    factors = structureless((measured, times, number)), structureless(more)
+    np.testing.assert_allclose(factors[1].error(values), factors[0].error(values), rtol=1e-9)
+    expected, found = (information([factor], values) for factor in factors)
+    assert_same(found[0], expected[0], 1e-10)
+    assert_same(found[1], expected[1], 1e-8)
+
+
+@pytest.mark.parametrize("disparity", [1e-6, 1e-3])
+@given(seed=seeds)
+@examples
+def test_a_landmark_at_infinity_tells_the_rotation(disparity: float, seed: int) -> None:
+    """And nothing is special when it fits best a little beyond."""
+    values, (measured, times, number) = scene(seed)
+    far = number == 7
+    T = poses(values, times[far])
+    direction = T[0, :3, :3] @ [0.1, -0.2, 1.0]
+    seen = direction @ T[:, :3, :3]
+    measured[far, :2] = (226 * seen / seen[:, 2:])[:, :2] + [173, 130]
+    measured[far, :2] += np.random.default_rng(seed).normal(size=(far.sum(), 2))
+    measured[far, 2] = disparity
+    data = measured[far], times[far], number[far]
+    factor = structureless(data)
+    keys = [KEYS[n] for n in range(len(KEYS)) if KEYS[n] in set(factor.keys())]
+    H, gradient = information([factor], values, keys)
+    numerical = np.concatenate([derivative(factor.error, values, key, 1e-4) for key in keys])
+    assert_same(gradient, numerical, 1e-5)
+    assert np.diag(H)[:3].max() > 0
+    assert np.isfinite(factor.landmarks(values)[1]).all()
+
+
+def test_behind_a_camera_the_error_is_large_and_constant() -> None:
+    """Half a turn between two measurements: one of them fits, the other is GTSAM's constant."""
+    values = random_states(0, DT, COUNT)
+    measured, times = np.array([[180.0, 120, 6], [170, 110, 5.5]]), np.array([0.0, 2 * DT])
+    half_turn = gtsam.Pose3(gtsam.Rot3.Ry(np.pi - 0.01), np.zeros(3))
+    values.update(X(2), values.atPose3(X(0)).compose(half_turn))
+    factor = structureless((measured, times, np.zeros(2, int)))
+    constant = 0.5 * np.sum((2 * CAMERA.fx / NOISE.sigmas()) ** 2)
+    np.testing.assert_allclose(factor.error(values), constant, rtol=1e-12)
+    for found in information([factor], values):
+        assert np.abs(found).max() < 1e-9
+
+
+def test_states_without_measurements_are_left_out() -> None:
+    _, (measured, times, number) = scene(0)
+    early = times < DT
+    factor = structureless((measured[early], times[early], number[early]))
+    assert list(factor.keys()) == KEYS[:4]
+
+
+GOOD = np.array([[180.0, 120.0, 6.0], [181.0, 120.0, 6.0]])
+TWO = gtsam.noiseModel.Unit.Create(2)
+
+
+def made(
+    measured: Any = GOOD,
+    times: Any = (0.01, 0.02),
+    landmarks: Any = (1, 1),
+    model: Any = NOISE,
+    states: Any = tuple(STATES),
+    qc: Any = None,
+) -> object:
+    return StructurelessStereoFactor(measured, times, landmarks, model, states, CAMERA, qc)
+
+
+CASES: list[tuple[str, Callable[[], object]]] = [
+    ("measured", lambda: made(GOOD[:1])),
+    ("measured", lambda: made(GOOD[:, :2])),
+    ("measured", lambda: made(GOOD * np.nan)),
+    ("measured", lambda: made(GOOD * [1, 1, -1])),
+    ("times", lambda: made(times=[0.01])),
+    ("times", lambda: made(times=[0.01, np.nan])),
+    ("times", lambda: made(times=[0.01, 0.2])),
+    ("times", lambda: made(times=[-0.01, 0.02])),
+    ("landmarks", lambda: made(landmarks=[1])),
+    ("landmarks", lambda: made(landmarks=[1.0, 1.0])),
+    ("landmarks", lambda: made(landmarks=[[1], [1]])),
+    ("landmarks", lambda: made(landmarks=["a", "b"])),
+    ("model", lambda: made(model=TWO)),
+    ("model", lambda: made(model=1.0)),
+    ("states", lambda: made(states=STATES[::-1])),
+    ("states", lambda: made(states=STATES[:1])),
+    ("qc", lambda: made(qc=-QC)),
+]
+
+
+@pytest.mark.parametrize(("name", "call"), CASES)
+def test_the_argument_is_named(name: str, call: Callable[[], object]) -> None:
+    with pytest.raises(ValueError, match=f"^{name}"):
+        call()
