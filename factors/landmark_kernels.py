@@ -80,7 +80,8 @@ def landmarks_kernel(
                 scale *= 0.5
             if not system[6, 0] <= before:
                 break
-            q[:] = trial
+            for i in range(3):
+                q[i] = trial[i]
     return found
 
 
@@ -190,7 +191,9 @@ def _system_kernel(
     That is the second derivative of the loss along the error, less the weight.
     """
     h, by_h, rows, gradient = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.empty(3)
-    system[:] = 0.0
+    for i in range(7):
+        for j in range(4):
+            system[i, j] = 0.0
     for n in range(first, last):
         landmark_rows_kernel(T[n], chart, q, measured[n], camera, whitening, h, by_h, rows)
         square = rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2

@@ -118,4 +118,5 @@ class _Tracklets:
         weights = found.loss.weights(distances)
         at = T_states, v_states, between.first, between.a, between.b, T
         of = found.charts(T), coordinates, *found.measurements, weights
-        return root_kernel(*information_kernel(*at, *of))
+        H, explained = information_kernel(*at, *of)
+        return root_kernel(H - explained, np.sqrt(np.diag(H)))

@@ -34,22 +34,20 @@ def information_kernel(
     whitening: Array,
     weights: Array,
 ) -> tuple[Array, Array]:
-    """(12 m + 1, 12 m + 1) upper triangle of [J e]ᵀ[J e] of m states, the landmarks eliminated.
+    """Upper triangles (12 m + 1, 12 m + 1) of [J e]ᵀ[J e], and of what landmarks explain of it.
 
-    J are the derivatives by the states and e the errors, projected onto what no shift of the
-    landmarks explains: the Schur complement. And (12 m + 1,) norms of the columns before that,
-    which rounding errors are relative to.
+    J are the derivatives by the m states and e the errors. The difference, Schur's complement, is
+    of their projections onto what no shift of the landmarks explains.
     """
     size = 12 * len(T_states) + 1
-    H, squares = np.zeros((size, size)), np.zeros(size)
+    H, explained = np.zeros((size, size)), np.zeros((size, size))
     local_j, by_states_j = np.empty((len(T_states) - 1, 12)), np.empty((len(T_states) - 1, 12, 24))
     for i in range(len(local_j)):
         local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
         by_states_j[i] = local_jacobian_kernel(local_j[i], v_states[i + 1], EXACT)
     h, by_h, rows = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
-    by_landmark, own = np.empty((3, size)), np.empty((3, 3))
     for k in range(len(charts)):
-        by_landmark[:], own[:] = 0.0, 0.0
+        by_landmark, own = np.zeros((3, size)), np.zeros((3, 3))
         for n in range(start[k], start[k + 1]):
             i = first[n]
             landmark_rows_kernel(
@@ -59,69 +57,72 @@ def information_kernel(
             share = hermite_weights(a[n], b[n])
             local = interpolated_local_kernel(v_states[i], local_j[i], share)
             by_states = rows_by_states_kernel(rows, 0, local, by_states_j[i], share)
-            _add_measurement_kernel(rows, by_states, 12 * i, H, squares, by_landmark, own)
+            _add_kernel(rows, by_states, 12 * i, H, by_landmark, own)
         low, high = 12 * first[start[k]], 12 * first[start[k + 1] - 1] + 24
-        _eliminate_kernel(own, by_landmark, low, high, H)
-    return H, np.sqrt(squares)
+        if _whiten_kernel(own, by_landmark):
+            _add_squares_kernel(by_landmark, low, high, explained)
+    return H, explained
 
 
 @inner_kernel
-def _add_measurement_kernel(
-    rows: Array,
-    by_states: Array,
-    column: int,
-    H: Array,
-    squares: Array,
-    by_landmark: Array,
-    own: Array,
+def _add_kernel(
+    rows: Array, by_states: Array, column: int, H: Array, by_landmark: Array, own: Array
 ) -> None:
-    """Add a measurement's products to those of the states and of its landmark."""
+    """Add a measurement's products to those of the states, from a column on, and its landmark."""
     last = len(H) - 1
+    x, y, z = by_states[0], by_states[1], by_states[2]
     for i in range(24):
-        x, y, z = by_states[0, i], by_states[1, i], by_states[2, i]
-        squares[column + i] += x * x + y * y + z * z
-        for j in range(i, 24):
-            H[column + i, column + j] += (
-                x * by_states[0, j] + y * by_states[1, j] + z * by_states[2, j]
-            )
-        H[column + i, last] += x * rows[0, 9] + y * rows[1, 9] + z * rows[2, 9]
-    for r in range(3):
-        H[last, last] += rows[r, 9] * rows[r, 9]
-        squares[last] += rows[r, 9] * rows[r, 9]
-        for i in range(3):
-            value = rows[r, 6 + i]
-            by_landmark[i, last] += value * rows[r, 9]
-            for j in range(24):
-                by_landmark[i, column + j] += value * by_states[r, j]
-            for j in range(3):
-                own[i, j] += value * rows[r, 6 + j]
+        a, b, c = x[i], y[i], z[i]
+        line = H[column + i, column : column + 24]
+        for j in range(24):
+            line[j] += a * x[j] + b * y[j] + c * z[j]
+        H[column + i, last] += a * rows[0, 9] + b * rows[1, 9] + c * rows[2, 9]
+    for i in range(3):
+        a, b, c = rows[0, 6 + i], rows[1, 6 + i], rows[2, 6 + i]
+        line = by_landmark[i, column : column + 24]
+        for j in range(24):
+            line[j] += a * x[j] + b * y[j] + c * z[j]
+        by_landmark[i, last] += a * rows[0, 9] + b * rows[1, 9] + c * rows[2, 9]
+        for j in range(3):
+            own[i, j] += a * rows[0, 6 + j] + b * rows[1, 6 + j] + c * rows[2, 6 + j]
+        H[last, last] += rows[i, 9] * rows[i, 9]
 
 
 @inner_kernel
-def _eliminate_kernel(own: Array, by_landmark: Array, low: int, high: int, H: Array) -> None:
-    """Subtract what a landmark explains; `by_landmark` is zero but for `low` to `high` and last.
+def _whiten_kernel(own: Array, by_landmark: Array) -> bool:
+    """Divide `by_landmark` (3, n) by the root of its landmark's information (3, 3).
 
-    A landmark without information of its own explains nothing.
+    False if that is singular: the landmark explains nothing.
     """
-    last = len(H) - 1
     for i in range(3):
         for m in range(i):
-            scale = own[m, i] / own[m, m]
-            for j in range(m, 3):
+            scale = own[m, i]
+            for j in range(i, 3):
                 own[i, j] -= scale * own[m, j]
-            for j in range(low, high):
+            for j in range(by_landmark.shape[1]):
                 by_landmark[i, j] -= scale * by_landmark[m, j]
-            by_landmark[i, last] -= scale * by_landmark[m, last]
         if not own[i, i] > 0:
-            return
-    x, y, z = by_landmark[0], by_landmark[1], by_landmark[2]
+            return False
+        scale = 1 / np.sqrt(own[i, i])
+        for j in range(i, 3):
+            own[i, j] *= scale
+        for j in range(by_landmark.shape[1]):
+            by_landmark[i, j] *= scale
+    return True
+
+
+@inner_kernel
+def _add_squares_kernel(rows: Array, low: int, high: int, to: Array) -> None:
+    """Add the upper triangle of rowsᵀ rows; but for `low` to `high` and last, the rows are zero."""
+    last = len(to) - 1
     for i in range(low, high):
-        p, q, r = x[i] / own[0, 0], y[i] / own[1, 1], z[i] / own[2, 2]
-        for j in range(i, high):
-            H[i, j] -= p * x[j] + q * y[j] + r * z[j]
-        H[i, last] -= p * x[last] + q * y[last] + r * z[last]
-    for i in range(3):
-        H[last, last] -= by_landmark[i, last] * by_landmark[i, last] / own[i, i]
+        a, b, c = rows[0, i], rows[1, i], rows[2, i]
+        x, y, z, line = rows[0, i:high], rows[1, i:high], rows[2, i:high], to[i, i:high]
+        for j in range(len(line)):
+            line[j] += a * x[j] + b * y[j] + c * z[j]
+        to[i, last] += a * rows[0, last] + b * rows[1, last] + c * rows[2, last]
+    for r in range(3):
+        to[last, last] += rows[r, last] * rows[r, last]
 
 
 @kernel
@@ -138,12 +139,16 @@ def root_kernel(H: Array, scale: Array) -> Array:
             unit = scale[i] * scale[j]
             rest[i, j] = rest[j, i] = H[i, j] / unit if unit > 0 else 0.0
     for i in range(size - 1):
-        best = i + int(np.argmax(np.diag(rest)[i : size - 1]))
+        best = i
+        for k in range(i + 1, size - 1):
+            if rest[k, k] > rest[best, best]:
+                best = k
         if not rest[best, best] > _ROUNDING:
             break
         _swap_kernel(rest, column, i, best)
-        rest[i, i:] /= np.sqrt(rest[i, i])
+        pivot = np.sqrt(rest[i, i])
         for j in range(i, size):
+            rest[i, j] /= pivot
             R[i, column[j]] = rest[i, j] * scale[column[j]]
         for k in range(i + 1, size):
             value = rest[i, k]
