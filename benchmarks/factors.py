@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from itertools import cycle
 from pathlib import Path
 
 import gtsam
@@ -20,10 +21,13 @@ from benchmarks.factors_problem import (
     Problem,
     as_graph,
     native_factors,
+    native_interpolated_factors,
     our_factors,
     position_error,
     standard_problem,
+    structureless_factors,
     tracklet_factors,
+    with_landmarks,
     without_landmarks,
 )
 from benchmarks.factors_pysteam import pysteam_step
@@ -68,17 +72,45 @@ def gauss_newton(table: Table) -> None:
         table.add_row(f"  position error of {name}, mm", f"{1e3 * error:.2f}", "the same")
 
 
+def key_states_window(table: Table) -> None:
+    """One iteration of a smoother's window: 7 states, 601 measurements of 120 landmarks."""
+    stride = 100
+    problem = standard_problem(6 * stride + 1, interval=5e-4, active=120)
+    tracklets, knots = tracklet_factors(problem, stride)
+    few = without_landmarks(problem.start, knots)
+    one = structureless_factors(problem, stride)
+    native = native_interpolated_factors(problem, stride)
+    seconds = fastest(
+        {
+            "one": iteration(one, few),
+            "robust": iteration(structureless_factors(problem, stride, robust=True), few),
+            "tracklets": iteration(tracklets, few),
+            "native": iteration(native, with_landmarks(problem, knots)),
+        },
+        rounds=7,
+        each=10,
+    )
+    own = seconds["one"]
+    table.add_row("step of 7 states, one StructurelessStereoFactor, ms", f"{1e3 * own:.2f}", "")
+    table.add_row("  its tracklets to it", f"{seconds['tracklets'] / own:.2f}", ">= 4")
+    table.add_row("  native, with landmarks, to it", f"{seconds['native'] / own:.2f}", ">= 4")
+    table.add_row("  with Huber's loss to it", f"{seconds['robust'] / own:.2f}", "<= 1.5")
+
+
 def iteration(factors: Factors, values: gtsam.Values) -> Call:
-    """One step of Gauss-Newton."""
+    """One step of Gauss-Newton, of the start and of its result in turns.
+
+    A factor may keep what it found for the values that it saw last.
+    """
     graph = as_graph(factors)
     ordering = gtsam.Ordering.ColamdNonlinearFactorGraph(graph)
 
-    def step() -> object:
+    def step(values: gtsam.Values) -> gtsam.Values:
         linear = graph.linearize(values)
         return values.retract(linear.eliminateMultifrontal(ordering, gtsam.EliminateQR).optimize())
 
-    step()
-    return step
+    turns = cycle((values, step(values)))
+    return lambda: step(next(turns))
 
 
 def first_order(table: Table) -> None:
@@ -140,7 +172,8 @@ def plot_growth(path: Path) -> None:
 def main(plot: Path | None = None) -> None:
     """Print all ratios; with a path also save the plot of the cost per state."""
     table = Table("measured", "here", "wanted")
-    for section in (single_factors, growth, gauss_newton, first_order, cost_per_state):
+    sections = single_factors, growth, gauss_newton, key_states_window, first_order, cost_per_state
+    for section in sections:
         section(table)
         table.add_section()
     Console().print(table)

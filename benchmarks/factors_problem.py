@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from factors import (
     StereoCamera,
     StereoReprojectionFactor,
+    StructurelessStereoFactor,
     TrackletFactor,
     WnoaPriorFactor,
     interpolate,
@@ -121,17 +122,53 @@ def our_factors(problem: Problem, paper: bool = False) -> Factors:
 
 def tracklet_factors(problem: Problem, stride: int) -> tuple[Factors, list[int]]:
     """Ours with a state at every stride-th time, one factor for each landmark; and those states."""
-    last = len(problem.times) - 1
-    knots = [*range(0, last, stride), last]
-    states = [(X(k), V(k), float(problem.times[k])) for k in knots]
-    motion = [WnoaPriorFactor(*i[:2], *j[:2], j[2] - i[2], QC) for i, j in pairwise(states)]
+    knots, states, chain = key_states(problem, stride)
     tracklets = []
     for n in range(len(problem.points)):
         rows = np.flatnonzero(problem.landmark == n)
         if len(rows) > 1:
             measured, times = problem.measured[rows], problem.times[rows]
             tracklets.append(TrackletFactor(measured, times, NOISE, states, CAMERA, QC))
-    return [*anchor(problem), *motion, *tracklets], knots
+    return [*chain, *tracklets], knots
+
+
+def structureless_factors(problem: Problem, stride: int, robust: bool = False) -> Factors:
+    """The same with one factor for all landmarks."""
+    _, states, chain = key_states(problem, stride)
+    data = problem.measured, problem.times, problem.landmark
+    return [
+        *chain,
+        StructurelessStereoFactor(*data, ROBUST if robust else NOISE, states, CAMERA, QC),
+    ]
+
+
+def native_interpolated_factors(problem: Problem, stride: int) -> Factors:
+    """GTSAM's own between the same states, with landmarks and the noise of the measurements."""
+    knots, states, _ = key_states(problem, stride)
+    data = [gtsam.StateData(*state) for state in states]
+    motion = [gtsam.WnoaMotionFactorPose3(i, j, QC) for i, j in pairwise(data)]
+    stereo: Factors = []
+    for k, t in enumerate(problem.times):
+        i = min(int(np.searchsorted(knots, k, "right")), len(knots) - 1) - 1
+        if k in knots:
+            stereo.append(native_stereo(problem, k))
+            continue
+        at = {gtsam.StateData(X(k), V(k), t)}
+        between = {data[i], data[i + 1]}
+        inner = native_stereo(problem, k)
+        stereo.append(gtsam.WnoaInterpFactorPose3(inner, between, at, QC, True))
+    return [*anchor(problem), *motion, *stereo]
+
+
+def key_states(
+    problem: Problem, stride: int
+) -> tuple[list[int], list[tuple[int, int, float]], Factors]:
+    """Every stride-th state and the last: their numbers, keys and times, and the chain of them."""
+    last = len(problem.times) - 1
+    knots = [*range(0, last, stride), last]
+    states = [(X(k), V(k), float(problem.times[k])) for k in knots]
+    motion = [WnoaPriorFactor(*i[:2], *j[:2], j[2] - i[2], QC) for i, j in pairwise(states)]
+    return knots, states, [*anchor(problem), *motion]
 
 
 def as_graph(factors: Factors) -> gtsam.NonlinearFactorGraph:
@@ -153,6 +190,14 @@ def position_error(problem: Problem, values: gtsam.Values, knots: list[int]) -> 
         T[i], v[i], T[i + 1], v[i + 1], stamps[i], stamps[i + 1], problem.times
     ).pose
     return float(np.sqrt(np.mean(np.sum((poses - problem.truth)[:, :3, 3] ** 2, axis=1))))
+
+
+def with_landmarks(problem: Problem, knots: list[int]) -> gtsam.Values:
+    """The start's states at the knots, and its landmarks."""
+    chosen = without_landmarks(problem.start, knots)
+    for n in range(len(problem.points)):
+        chosen.insert(L(n), problem.start.atPoint3(L(n)))
+    return chosen
 
 
 def without_landmarks(values: gtsam.Values, knots: list[int]) -> gtsam.Values:
