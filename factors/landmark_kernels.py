@@ -42,8 +42,8 @@ def poses_between_kernel(
 @kernel
 def landmarks_kernel(
     T: Array,
-    charts: Array,
     coordinates: Array,
+    nearest: Index,
     start: Index,
     measured: Array,
     camera: Array,
@@ -51,60 +51,35 @@ def landmarks_kernel(
     weights: Array,
     loss: Array,
     steps: int,
-) -> Array:
-    """(L, 3) coordinates in the charts (L, 4, 4) after some steps of Newton's method.
+) -> tuple[Array, Array]:
+    """(L, 3) coordinates in the charts T[nearest] after some steps of Newton's method.
 
-    The losses are times the weights (n,). Each step is halved until the cost falls; it is one of
-    iteratively reweighted least squares where the cost is not convex.
+    And the norms (n,) of the whitened errors there. The losses are times the weights (n,). Each
+    step is halved until the cost falls; it is one of iteratively reweighted least squares where the
+    cost is not convex.
     """
-    found = coordinates.copy()
+    found, distances = coordinates.copy(), np.empty(len(T))
     system, trial, step = np.empty((7, 4)), np.empty(3), np.empty(3)
+    data = (measured, camera, whitening, weights, loss, system, distances)
     for k in range(len(found)):
-        q, chart, first, last = found[k], charts[k], start[k], start[k + 1]
-        _system_kernel(T, chart, q, first, last, measured, camera, whitening, weights, loss, system)
+        q, chart, first, last = found[k], T[nearest[k]], start[k], start[k + 1]
+        _system_kernel(T, chart, q, first, last, *data)
         for _ in range(steps):
-            decrease = _step_kernel(system, step)
+            length = _step_kernel(system, step)
             before, scale = system[6, 0], 1.0
-            if decrease <= _CONVERGED * (1 + before):
-                for i in range(3):
-                    q[i] += step[i]
-                break
-            while scale > 1e-3:
+            converged = length <= _CONVERGED * (1 + before)
+            while True:
                 for i in range(3):
                     trial[i] = q[i] + scale * step[i]
-                _system_kernel(
-                    T, chart, trial, first, last, measured, camera, whitening, weights, loss, system
-                )
-                if system[6, 0] <= before:
+                _system_kernel(T, chart, trial, first, last, *data)
+                if converged or system[6, 0] <= before or scale == 0.0:
                     break
-                scale *= 0.5
-            if not system[6, 0] <= before:
-                break
+                scale = 0.5 * scale if scale > 1e-3 else 0.0
             for i in range(3):
                 q[i] = trial[i]
-    return found
-
-
-@kernel
-def distances_kernel(
-    T: Array,
-    charts: Array,
-    coordinates: Array,
-    start: Index,
-    measured: Array,
-    camera: Array,
-    whitening: Array,
-) -> Array:
-    """(n,) norms of the whitened errors of all measurements."""
-    distances = np.empty(len(T))
-    h, by_h, rows = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
-    for k in range(len(charts)):
-        for n in range(start[k], start[k + 1]):
-            landmark_rows_kernel(
-                T[n], charts[k], coordinates[k], measured[n], camera, whitening, h, by_h, rows
-            )
-            distances[n] = np.sqrt(rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2)
-    return distances
+            if converged or scale == 0.0:
+                break
+    return found, distances
 
 
 @inner_kernel
@@ -185,10 +160,12 @@ def _system_kernel(
     weights: Array,
     loss: Array,
     system: Array,
+    distances: Array,
 ) -> None:
     """Write [AᵀA Aᵀe] (3, 4) of reweighted least squares, what Newton's method adds, and the cost.
 
-    That is the second derivative of the loss along the error, less the weight.
+    The second is the second derivative of the loss along the error, less the weight. And the norms
+    of the errors to `distances`.
     """
     h, by_h, rows, gradient = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.empty(3)
     for i in range(7):
@@ -197,6 +174,7 @@ def _system_kernel(
     for n in range(first, last):
         landmark_rows_kernel(T[n], chart, q, measured[n], camera, whitening, h, by_h, rows)
         square = rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2
+        distances[n] = np.sqrt(square)
         cost, weight, second = loss_kernel(square, loss)
         system[6, 0] += weights[n] * cost
         for i in range(3):

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import checked_array
 from factors.kernels import Array
-from factors.landmark_kernels import distances_kernel, landmarks_kernel
+from factors.landmark_kernels import landmarks_kernel
 from factors.losses import Loss
 from factors.stereo import StereoCamera
 
@@ -30,6 +30,14 @@ class Landmarks:
     """Landmarks by their coordinates (x / z, y / z, 1 / z) where they were measured nearest.
 
     The k-th one is measured from start[k] to start[k + 1].
+
+    Attributes
+    ----------
+    measurements
+        For the kernels: the nearest measurement (L,) of each landmark, start, measured, the
+        camera's parameters, and the matrix (3, 3) that whitens an error.
+    loss
+        Of the norm of a whitened error.
     """
 
     def __init__(
@@ -41,29 +49,25 @@ class Landmarks:
     ) -> None:
         gaussian = model.noise() if isinstance(model, gtsam.noiseModel.Robust) else model
         whitening = np.ascontiguousarray(gaussian.Whiten(np.eye(3)))
-        self.measurements = start, measured, camera.parameters, whitening
         self.loss = Loss(model)
-        nearest_last = np.lexsort(
-            (measured[:, 2], np.repeat(np.arange(len(start) - 1), np.diff(start)))
-        )
-        self._nearest = nearest_last[start[1:] - 1]
-        self._seen = camera.inverse_depth(measured[self._nearest])
-
-    def charts(self, T: Array) -> Array:
-        """(L, 4, 4) poses that the coordinates are of, of those (n, 4, 4) at the measurements."""
-        return T[self._nearest]
+        of = np.repeat(np.arange(len(start) - 1), np.diff(start))
+        nearest = np.lexsort((measured[:, 2], of))[start[1:] - 1]
+        self._seen = camera.inverse_depth(measured[nearest])
+        self.measurements = nearest, start, measured, camera.parameters, whitening
 
     def fit(self, T: Array) -> tuple[Array, Array]:
-        """Coordinates (L, 3) that fit best, and the norms (n,) of the whitened errors there."""
-        coordinates, steps = self._seen, 1 if self.loss.other else _MAX_STEPS
-        distances = self._distances(T, coordinates)
+        """Coordinates (L, 3) that fit best, and the norms (n,) of the whitened errors there.
+
+        T (n, 4, 4) are the poses at the measurements.
+        """
+        ones = np.ones(len(T))
+        if self.loss.other is None:
+            return self._stepped(T, self._seen, ones, _MAX_STEPS)
+        coordinates, distances = self._stepped(T, self._seen, ones, 0)
         for _ in range(_MAX_STEPS):
-            before, weights = coordinates, self.loss.fixed_weights(distances)
-            coordinates = landmarks_kernel(
-                T, self.charts(T), before, *self.measurements, weights, self.loss.parameters, steps
-            )
-            distances = self._distances(T, coordinates)
-            if steps > 1 or np.abs(coordinates - before).max() <= _TOLERANCE:
+            before, weights = coordinates, self.loss.weights(distances)
+            coordinates, distances = self._stepped(T, before, weights, 1)
+            if np.abs(coordinates - before).max() <= _TOLERANCE:
                 break
         return coordinates, distances
 
@@ -71,8 +75,12 @@ class Landmarks:
         """(L, 3) points in the world that fit best."""
         x, y, inverse_depth = self.fit(T)[0].T
         local = np.column_stack([x, y, np.ones(len(x))]) / inverse_depth[:, None]
-        chart = self.charts(T)
+        chart = T[self.measurements[0]]
         return np.einsum("kij,kj->ki", chart[:, :3, :3], local) + chart[:, :3, 3]
 
-    def _distances(self, T: Array, coordinates: Array) -> Array:
-        return distances_kernel(T, self.charts(T), coordinates, *self.measurements)
+    def _stepped(
+        self, T: Array, coordinates: Array, weights: Array, steps: int
+    ) -> tuple[Array, Array]:
+        return landmarks_kernel(
+            T, coordinates, *self.measurements, weights, self.loss.parameters, steps
+        )

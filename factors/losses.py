@@ -36,11 +36,9 @@ class Loss:
         """(n,) weights of the squared errors, of the norms (n,) of whitened errors."""
         if self.other is not None:
             return np.array([self.other.weight(d) for d in distances])
+        if self.parameters[0] == SQUARE:
+            return np.ones(len(distances))
         return losses_kernel(distances, self.parameters)[1]
-
-    def fixed_weights(self, distances: Array) -> Array:
-        """(n,) factors of what the kernels take for the losses: one, or the weights of `other`."""
-        return np.ones(len(distances)) if self.other is None else self.weights(distances)
 
     def total(self, distances: Array) -> float:
         """Sum of the losses."""

@@ -117,6 +117,6 @@ class _Tracklets:
         coordinates, distances = found.fit(T)
         weights = found.loss.weights(distances)
         at = T_states, v_states, between.first, between.a, between.b, T
-        of = found.charts(T), coordinates, *found.measurements, weights
+        of = coordinates, *found.measurements, weights
         H, explained = information_kernel(*at, *of)
         return root_kernel(H - explained, np.sqrt(np.diag(H)))

@@ -26,8 +26,8 @@ def information_kernel(
     a: Array,
     b: Array,
     T: Array,
-    charts: Array,
     coordinates: Array,
+    nearest: Index,
     start: Index,
     measured: Array,
     camera: Array,
@@ -46,14 +46,13 @@ def information_kernel(
         local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
         by_states_j[i] = local_jacobian_kernel(local_j[i], v_states[i + 1], EXACT)
     h, by_h, rows = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
-    for k in range(len(charts)):
+    for k in range(len(coordinates)):
+        chart, q = T[nearest[k]], coordinates[k]
         by_landmark, own = np.zeros((3, size)), np.zeros((3, 3))
         for n in range(start[k], start[k + 1]):
             i = first[n]
-            landmark_rows_kernel(
-                T[n], charts[k], coordinates[k], measured[n], camera, whitening, h, by_h, rows
-            )
-            pose_rows_kernel(coordinates[k], h, by_h, weights[n], rows)
+            landmark_rows_kernel(T[n], chart, q, measured[n], camera, whitening, h, by_h, rows)
+            pose_rows_kernel(q, h, by_h, weights[n], rows)
             share = hermite_weights(a[n], b[n])
             local = interpolated_local_kernel(v_states[i], local_j[i], share)
             by_states = rows_by_states_kernel(rows, 0, local, by_states_j[i], share)

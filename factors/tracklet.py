@@ -96,8 +96,8 @@ class _Tracklet:
         T_states, v_states = between.read(values)
         T = between.poses(T_states, v_states)
         coordinates, distances = self.landmark.fit(T)
-        chart, measurements = self.landmark.charts(T)[0], self.landmark.measurements[1:]
-        rows = rows_kernel(T, chart, coordinates[0], *measurements, loss.weights(distances))
+        weights = loss.weights(distances)
+        rows = rows_kernel(T, coordinates, *self.landmark.measurements, weights)
         if jacobians is None:
             matrix = np.ascontiguousarray(rows[:, 6:])
             eliminate_kernel(matrix)

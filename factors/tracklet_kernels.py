@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from factors.kernels import Array, kernel
-from factors.landmark_kernels import landmark_rows_kernel, pose_rows_kernel
+from factors.landmark_kernels import Index, landmark_rows_kernel, pose_rows_kernel
 from factors.local import (
     EXACT,
     hermite_weights,
@@ -19,8 +19,9 @@ from factors.local import (
 @kernel
 def rows_kernel(
     T: Array,
-    chart: Array,
     coordinates: Array,
+    nearest: Index,
+    start: Index,
     measured: Array,
     camera: Array,
     whitening: Array,
@@ -31,10 +32,11 @@ def rows_kernel(
     The squares of each measurement are times its weight, of weights (n,).
     """
     rows, h, by_h = np.empty((3 * len(T), 10)), np.empty(3), np.empty((3, 3))
-    for n in range(len(T)):
+    chart, q = T[nearest[0]], coordinates[0]
+    for n in range(start[0], start[1]):
         own = rows[3 * n : 3 * n + 3]
-        landmark_rows_kernel(T[n], chart, coordinates, measured[n], camera, whitening, h, by_h, own)
-        pose_rows_kernel(coordinates, h, by_h, weights[n], own)
+        landmark_rows_kernel(T[n], chart, q, measured[n], camera, whitening, h, by_h, own)
+        pose_rows_kernel(q, h, by_h, weights[n], own)
     return rows
 
 
