@@ -27,7 +27,14 @@ from gpvo.robust import RobustLoss
 from gpvo.states import States, later_states
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
-from gpvo.window import FIXED, Window, isam_parameters, joint_covariances, states_of
+from gpvo.window import (
+    FIXED,
+    are_covariances,
+    isam_parameters,
+    joint_covariances,
+    prior_covariances,
+    states_of,
+)
 
 Array = NDArray[np.float64]
 SOLVED_ANEW = "indeterminate: the window solved anew"
@@ -274,8 +281,10 @@ class FixedLagSmoother:
     def _joint_covariances(self, numbers: NDArray[np.int64]) -> Array:
         """(n - 1, 24, 24) of states of these numbers; the prior's alone if GTSAM has none."""
         try:
-            return joint_covariances(self._smoother.getISAM2(), numbers.tolist())
+            joint = joint_covariances(self._smoother.getISAM2(), numbers.tolist())
         except FAILURES:
-            states = self._states.at(self._states.t[numbers - self._first])
-            window = Window(states, Measurements.concatenate([]), self._first_covariance)
-            return window.joint_covariances(self._make, len(numbers) - 1)
+            joint = np.full((len(numbers) - 1, 24, 24), np.nan)
+        if are_covariances(joint):
+            return joint
+        t, noise = self._states.t[numbers - self._first], self._make.noise
+        return prior_covariances(self._first_covariance, t, noise.acceleration_psd)

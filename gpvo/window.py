@@ -10,6 +10,7 @@ import numpy as np
 from gtsam.symbol_shorthand import L, V, X
 from numpy.typing import NDArray
 
+from factors import wnoa_covariance
 from gpvo.config import EstimatorConfig
 from gpvo.factor_graph import FactorMaker, landmark_points, nested_dissection
 from gpvo.states import States
@@ -18,6 +19,10 @@ from gpvo.tracklets import Measurements
 Array = NDArray[np.float64]
 FIXED = 1e-6
 """Standard deviation of the pose that the world or a window starts with, rad and m."""
+ROUNDING = 1e-8
+"""Eigenvalue of a correlation matrix that is as good as zero."""
+FASTEST = 1e3
+"""Body twist beyond which an estimate has diverged, rad/s and m/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,12 +87,12 @@ def states_of(values: gtsam.Values, numbers: Sequence[int], t: Array) -> States:
     Raises
     ------
     RuntimeError
-        If they are not finite, as GTSAM does if a system is singular and it notices.
+        If they are not finite or diverge, as GTSAM does if a system is singular and it notices.
     """
     T_world_cam = np.array([values.atPose3(X(k)).matrix() for k in numbers])
     twist = np.array([values.atVector(V(k)) for k in numbers])
-    if not (np.isfinite(T_world_cam).all() and np.isfinite(twist).all()):
-        raise RuntimeError("the estimate is not finite")
+    if not (np.isfinite(T_world_cam).all() and (np.abs(twist) < FASTEST).all()):
+        raise RuntimeError("the estimate diverges")
     return States(t, T_world_cam, twist)
 
 
@@ -134,3 +139,28 @@ def joint_covariances(solved: gtsam.ISAM2, numbers: Sequence[int]) -> Array:
     joint = solved.jointMarginalCovariance(keys)
     pairs = [keys[first : first + 4] for first in range(0, len(keys) - 2, 2)]
     return np.array([np.block([[joint.at(i, j) for j in pair] for i in pair]) for pair in pairs])
+
+
+def are_covariances(matrices: Array) -> bool:
+    """Whether all (n, m, m) are finite and positive semidefinite, up to rounding errors."""
+    variances = np.diagonal(matrices, 0, 1, 2)
+    if not (np.isfinite(matrices).all() and (variances > 0).all()):
+        return False
+    scale = 1 / np.sqrt(variances)
+    correlations = scale[:, :, None] * matrices * scale[:, None, :]
+    return bool(np.linalg.eigvalsh(correlations).min(initial=1.0) > -ROUNDING)
+
+
+def prior_covariances(first: Array, t: Array, qc: Sequence[float]) -> Array:
+    """(n - 1, 24, 24) as above of states at times t (n,) that nothing measures.
+
+    `first` (12, 12) is the first one's covariance. The turn of the body on the way is neglected.
+    """
+    joint = np.zeros((len(t) - 1, 24, 24))
+    for k, dt in enumerate(np.diff(t)):
+        transition = np.eye(12) + dt * np.eye(12, k=6)
+        both = np.vstack([np.eye(12), transition])
+        joint[k] = both @ first @ both.T
+        joint[k, 12:, 12:] += wnoa_covariance(dt, qc)
+        first = joint[k, 12:, 12:]
+    return joint

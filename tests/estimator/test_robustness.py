@@ -119,6 +119,16 @@ def late_and_early() -> list[Cluster]:
     return regular(parts)
 
 
+def absurd() -> list[Cluster]:
+    """Where no camera sees, from the first cluster on, and a pause in between."""
+    rng, parts = np.random.default_rng(0), tracklets(clusters=8, noise=0.3)
+    for part in parts:
+        wrong = rng.random(len(part)) < 0.3
+        part.stereo[wrong] = np.abs(rng.uniform(-1e6, 1e6, (wrong.sum(), 3)))
+    clusters = regular(parts)
+    return [*clusters[:4], (clusters[4][0] + 3, clusters[4][1]), *clusters[5:]]
+
+
 def same_end_twice() -> list[Cluster]:
     clusters = regular(tracklets(clusters=6))
     return [*clusters[:3], (clusters[2][0], NOTHING), *clusters[3:]]
@@ -134,6 +144,7 @@ CASES: list[Callable[[], list[Cluster]]] = [
     gap_of_seconds,
     nothing_for_seconds,
     late_and_early,
+    absurd,
     same_end_twice,
 ]
 
@@ -212,3 +223,23 @@ def test_impossible_measurements_are_told_with_key_time_and_values() -> None:
             assert any(reason in told for told in reasons)
         assert all(repair.key.startswith("l") for repair in repairs)
         assert all(len(repair.measurement or ()) == 3 for repair in repairs)
+
+
+@pytest.mark.parametrize("fault", ["raised", "not finite", "negative"])
+def test_covariances_are_the_priors_where_gtsam_has_none(
+    monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    """From the first state on, so that they only grow; those of the twist by Q_c dt."""
+
+    def broken(_: object, numbers: list[int]) -> np.ndarray:
+        if fault == "raised":
+            raise RuntimeError("indeterminate")
+        return np.full((len(numbers) - 1, 24, 24), np.nan if fault == "not finite" else -1.0)
+
+    monkeypatch.setattr("gpvo.fixed_lag.joint_covariances", broken)
+    clusters = regular(tracklets(clusters=8))
+    trajectory, _ = run(clusters, method="fixed_lag", state_interval=0.025)
+    check(trajectory)
+    first, last = np.diagonal(trajectory.knot_covariance[[0, -1]], 0, 1, 2)[:, [6, 18]]
+    elapsed = trajectory.t[trajectory.knots[-1]] - trajectory.t[0]
+    assert last[1] - first[0] == pytest.approx(NoiseConfig().acceleration_psd[0] * elapsed)
