@@ -23,8 +23,9 @@ class Loss:
     Attributes
     ----------
     parameters
-        (2,) kind and scale, for the kernels; of another kind than above: SQUARE, as
-        `other`, GTSAM's loss, is then taken by weights.
+        (2,) kind and scale, for the kernels; SQUARE for a loss that they do not know.
+    other
+        GTSAM's loss if the kernels do not know it: they then take its weights.
     """
 
     def __init__(self, model: gtsam.noiseModel.Base) -> None:

@@ -78,7 +78,10 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
         super().__init__(unit, between.keys, tracklets.error)
 
     def landmarks(self, values: gtsam.Values) -> tuple[NDArray[np.int64], Array]:
-        """(L,) increasing landmarks, and the (L, 3) points in the world that fit them best."""
+        """(L,) increasing landmarks, and the (L, 3) points in the world that fit them best.
+
+        One whose rays diverge fits best beyond infinity: a point behind the cameras.
+        """
         between, found = self._tracklets.between, self._tracklets.landmarks
         return self._numbers, found.points(between.poses(*between.read(values)))
 
