@@ -1,4 +1,4 @@
-"""Are the smoother's covariances honest? Mean NEES over many simulated runs, as a plot.
+"""Are the smoothers' covariances honest? Mean NEES over many simulated runs, as a plot.
 
 python -m benchmarks.consistency --runs 100 --output consistency.png
 """
@@ -14,11 +14,18 @@ from numpy.typing import NDArray
 
 from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.consistency import mean_nees_interval, nees
-from gpvo.gauss_newton_smoother import GaussNewtonSmoother
+from gpvo.estimators import make_estimator
 from gpvo.simulation.tracklets import TrackletSimulation
 
 Array = NDArray[np.float64]
 DURATION = 0.75
+MODES = {
+    "Gauss-Newton, unique times": EstimatorConfig(),
+    "GTSAM, key times 100 ms, landmarks eliminated": EstimatorConfig(
+        method="fixed_lag", state_interval=0.1, window=6
+    ),
+    "GTSAM, unique times": EstimatorConfig(method="fixed_lag"),
+}
 
 
 def run_nees(seed: int, config: EstimatorConfig, t: Array) -> tuple[Array, Array]:
@@ -26,7 +33,7 @@ def run_nees(seed: int, config: EstimatorConfig, t: Array) -> tuple[Array, Array
     noise, rng = NoiseConfig(), np.random.default_rng(seed)
     simulation = TrackletSimulation(noise)
     motion = simulation.motion(DURATION, rng)
-    smoother = GaussNewtonSmoother(simulation.camera, noise, config)
+    smoother = make_estimator(simulation.camera, noise, config)
     for frame, (stop, measurements) in enumerate(simulation.clusters(motion, rng)):
         smoother.update(frame, stop, measurements, None)
     trajectory = smoother.trajectory(0)
@@ -39,19 +46,21 @@ def mean_nees(runs: int, config: EstimatorConfig, t: Array) -> Array:
     return np.mean([run_nees(seed, config, t) for seed in range(runs)], axis=0)
 
 
-def save_plot(path: Path, t: Array, means: Array, runs: int) -> None:
-    """The mean NEES over time and the interval that it should lie in."""
+def save_plot(path: Path, t: Array, means: dict[str, Array], runs: int) -> None:
+    """The mean NEES over time of each mode and the interval that it should lie in."""
     from matplotlib.figure import Figure
 
     low, high = mean_nees_interval(runs)
-    figure = Figure(figsize=(7, 3.5), layout="constrained")
-    axes = figure.subplots()
-    axes.axhspan(low, high, color="0.9", label="95 % interval")
-    axes.axhline(6, color="0.6", linewidth=0.8)
-    for name, line in zip(("pose", "velocity"), means, strict=True):
-        axes.plot(t, line, marker=".", label=name)
-    axes.set(xlabel="time (s)", ylabel=f"mean NEES of {runs} runs", ylim=(0, 2 * high))
-    axes.legend(loc="lower right", ncols=3, frameon=False)
+    figure = Figure(figsize=(7, 2.5 * len(means)), layout="constrained")
+    panels = figure.subplots(len(means), sharex=True, squeeze=False)[:, 0]
+    for axes, (mode, lines) in zip(panels, means.items(), strict=True):
+        axes.axhspan(low, high, color="0.9", label="95 % interval")
+        axes.axhline(6, color="0.6", linewidth=0.8)
+        for name, line in zip(("pose", "velocity"), lines, strict=True):
+            axes.plot(t, line, marker=".", label=name)
+        axes.set(title=mode, ylabel="mean NEES", ylim=(0, 2 * high))
+    panels[-1].set_xlabel(f"time (s), {runs} runs")
+    panels[-1].legend(loc="lower right", ncols=3, frameon=False)
     figure.savefig(path, dpi=150)
 
 
@@ -60,16 +69,17 @@ def main(
     output: Annotated[Path, typer.Option(help="Plot.")] = Path("consistency.png"),
 ) -> None:
     """Simulate, estimate, compare the errors with the covariances."""
-    t = np.linspace(0.1, DURATION, 14)
-    means = mean_nees(runs, EstimatorConfig(), t)
+    t = np.linspace(0.1, 0.7, 49)
     low, high = mean_nees_interval(runs)
-    inside = (means > low) & (means < high)
     print(f"95 % interval of the mean NEES of {runs} runs: {low:.2f} to {high:.2f}")
-    for name, line, share in zip(("pose", "velocity"), means, inside.mean(axis=1), strict=True):
-        print(
-            f"{name}: mean over time {line.mean():.2f}, from {line.min():.2f} to {line.max():.2f},"
-            f" inside at {100 * share:.0f} % of {len(t)} times"
-        )
+    means = {mode: mean_nees(runs, config, t) for mode, config in MODES.items()}
+    for mode, lines in means.items():
+        for name, line in zip(("pose", "velocity"), lines, strict=True):
+            inside = np.mean((line > low) & (line < high))
+            print(
+                f"{mode}, {name}: mean over time {line.mean():.2f}, from {line.min():.2f} to"
+                f" {line.max():.2f}, inside at {100 * inside:.0f} % of {len(t)} times"
+            )
     save_plot(output, t, means, runs)
 
 
