@@ -44,6 +44,41 @@ class CovarianceKnots:
         t = [parts[0].t, *(part.t[1:] for part in parts[1:])]
         return CovarianceKnots(np.concatenate(t), np.concatenate([part.joint for part in parts]))
 
+    def followed_by(self, later: CovarianceKnots) -> CovarianceKnots:
+        """These as they are once a later estimate, with covariances from their end on, moved it.
+
+        The end's correction c is what the later estimate knows better, C = P - P', and independent
+        of the error that it leaves. Of the errors of the knots before, G e is the part that the
+        end's error e explains, and `joined` moves these knots by W c: (G - W) c is added to what
+        they are uncertain by. This is why velocities between final states are less certain than at
+        them.
+        """
+        if len(self.joint) == 0 or len(later.joint) == 0:
+            return self
+        before, after = self.joint[-1, 12:, 12:], later.joint[0, :12, :12]
+        C = _positive_part(before - after, after)
+        gains, weights = self._gains(), self._weights()
+        G = np.concatenate([gains[:-1], gains[1:]], axis=1)
+        left = G - np.concatenate([weights[:-1], weights[1:]], axis=1)
+        change = G @ (after - before) @ G.transpose(0, 2, 1) + left @ C @ left.transpose(0, 2, 1)
+        return CovarianceKnots(self.t, self.joint + change)
+
+    def _gains(self) -> Array:
+        """(M, 12, 12) regression of each knot's error on that of the last one."""
+        gains = [np.eye(12)]
+        for pair in self.joint[::-1]:
+            step = np.linalg.solve(pair[12:, 12:], pair[12:, :12]).T
+            gains.append(step @ gains[-1])
+        return np.array(gains[::-1])
+
+    def _weights(self) -> Array:
+        """(M, 12, 12) of the last knot's correction in the one that each knot gets with it."""
+        a, b = self.t - self.t[0], self.t[-1] - self.t
+        dt = self.t[-1] - self.t[0]
+        s, r = a / dt, b / dt
+        small = [[s * s * (1 + 2 * r), -s * s * b], [6 * s * r / dt, s * (1 - 3 * r)]]
+        return np.asarray(np.kron(np.array(small).transpose(2, 0, 1), np.eye(6)), np.float64)
+
     def next_until(
         self,
         stop: float,
@@ -83,3 +118,11 @@ class CovarianceKnots:
         if len(self.joint):
             covariance[:6, :6] = self.joint[-1, 12:18, 12:18]
         return covariance
+
+
+def _positive_part(difference: Array, scale: Array) -> Array:
+    """(12, 12) of a symmetric matrix, eigenvalues in units of a covariance's deviations."""
+    unit = np.sqrt(np.diag(scale))
+    value, vector = np.linalg.eigh(difference / np.outer(unit, unit))
+    root = unit[:, None] * vector * np.sqrt(np.clip(value, 0, None))
+    return root @ root.T

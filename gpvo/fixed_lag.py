@@ -123,7 +123,9 @@ class FixedLagSmoother:
         if len(self._states) == 0:
             return None
         states = States.concatenate([*self._final, self._states])
-        knots = CovarianceKnots.joined([*self._knots, self._knots_until(np.inf)])
+        now = self._knots_until(np.inf)
+        last = [knots.followed_by(now) for knots in self._knots[-1:]]
+        knots = CovarianceKnots.joined([*self._knots[:-1], *last, now])
         return Trajectory.of_states(states, knots, self._make.noise, start_ns)
 
     def settled(self, after: float) -> States:
@@ -178,7 +180,7 @@ class FixedLagSmoother:
         self._leave_before = min(self._lag.start, self._states.t[-1])
         knots = self._knots_until(self._leave_before)
         if len(knots.t):
-            self._knots.append(knots)
+            self._knots[-1:] = [*(kept.followed_by(knots) for kept in self._knots[-1:]), knots]
 
     def _extend_states(
         self, increment: Increment, measured: Array, stop: float, fit: VelocityFit | None
@@ -268,12 +270,12 @@ class FixedLagSmoother:
         return increment
 
     def _knots_until(self, stop: float) -> CovarianceKnots:
-        """The next knots, as long as the one before them is older than `stop`."""
+        """The next knots, up to the first state that does not leave before `stop`."""
         start = self._knots[-1].t[-1] if self._knots else self._states.t[0]
         solved = self._states.t[: self._solved]
-        later = state_times(solved[solved > start], self._config.covariance_interval, start)
-        times = np.append(start, later)
-        times = times[: 1 + int(np.sum(times[:-1] < stop - SAME_TIME))]
+        end = solved[min(int(np.searchsorted(solved, stop - SAME_TIME)), len(solved) - 1)]
+        inside = solved[(solved > start) & (solved <= end)]
+        times = np.append(start, state_times(inside, self._config.covariance_interval, start))
         numbers = self._first + np.searchsorted(self._states.t, times)
         joint = self._joint_covariances(numbers)
         return CovarianceKnots(times, joint) if len(joint) else CovarianceKnots()

@@ -51,7 +51,7 @@ class GaussNewtonSmoother:
         self._lag = Lag(config)
         self._final: list[States] = []
         self._leaving = States()
-        self._final_joint: list[Array] = []
+        self._knots: list[CovarianceKnots] = []
         self._final_deviations: list[Deviations] = []
 
     def update(
@@ -84,8 +84,9 @@ class GaussNewtonSmoother:
         if self._window is None:
             return None
         states = States.concatenate([*self._final, *self._left(), self._window.states])
-        joint = [*self._final_joint, self._joint_covariances(len(self._window.states) - 1)]
-        knots = CovarianceKnots(states.t, np.concatenate(joint))
+        now = self._window_knots(len(self._window.states) - 1)
+        last = [knots.followed_by(now) for knots in self._knots[-1:]]
+        knots = CovarianceKnots.joined([*self._knots[:-1], *last, now])
         for deviations in self._deviations():
             states = deviations.merged(states)
         return Trajectory.of_states(states, knots, self._sensor.noise, start_ns)
@@ -105,7 +106,7 @@ class GaussNewtonSmoother:
         """Size of the final estimates and their covariances."""
         states = sum(s.t.nbytes + s.T_world_cam.nbytes + s.twist.nbytes for s in self._final)
         deviations = sum(d.t.nbytes + d.local.nbytes for d in self._final_deviations)
-        return states + deviations + sum(joint.nbytes for joint in self._final_joint)
+        return states + deviations + sum(k.t.nbytes + k.joint.nbytes for k in self._knots)
 
     def _deviations(self) -> Iterator[Deviations]:
         """Of the states at unique times, if these are asked for."""
@@ -148,8 +149,8 @@ class GaussNewtonSmoother:
     def _restarted(self, window: LagWindow) -> LagWindow:
         """The window's states without measurements, the first as uncertain as it was."""
         covariance = np.diag(np.repeat([FIXED, self._sensor.noise.initial_velocity], 6) ** 2)
-        if self._final_joint:
-            covariance = self._final_joint[-1][-1, 12:, 12:]
+        if self._knots:
+            covariance = self._knots[-1].joint[-1, 12:, 12:]
         alone = LagWindow.of_state(self._sensor, window.states[:1], covariance)
         return replace(alone, states=window.states)
 
@@ -168,7 +169,8 @@ class GaussNewtonSmoother:
         if leaving:
             self._final += self._left()
             self._leaving = self._window.states[: leaving + 1]
-            self._final_joint.append(self._joint_covariances(leaving))
+            knots = self._window_knots(leaving)
+            self._knots[-1:] = [*(kept.followed_by(knots) for kept in self._knots[-1:]), knots]
             if self._sensor.config.state_interval == 0:
                 start = self._window.states.t[leaving]
                 self._final_deviations.append(self._window.deviations(start))
@@ -179,12 +181,13 @@ class GaussNewtonSmoother:
                 left = replace(self._window, states=self._window.states[leaving:])
                 self._window = self._restarted(left)
 
-    def _joint_covariances(self, count: int) -> Array:
-        """(count, 24, 24) of the window's first states and the next of each."""
+    def _window_knots(self, count: int) -> CovarianceKnots:
+        """Of the window's first states and the next one."""
         assert self._window is not None and self._optimum is not None
         solved = self._optimum.linearized
         first = int(solved.columns.state[len(solved.states) - len(self._window.states)])
         columns = np.arange(first, first + 12 * (count + 1))
         covariance = self._optimum.quadratic.covariance(columns)
         pairs = 12 * np.arange(count)[:, None] + np.arange(24)
-        return covariance[pairs[:, :, None], pairs[:, None, :]]
+        joint = covariance[pairs[:, :, None], pairs[:, None, :]]
+        return CovarianceKnots(self._window.states.t[: count + 1], joint)

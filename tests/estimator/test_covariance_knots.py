@@ -1,0 +1,82 @@
+"""Covariances of final states that a later estimate of their end moves on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.consistency import mean_nees_interval, nees
+from gpvo.covariance_knots import CovarianceKnots
+from gpvo.estimators import make_estimator
+from gpvo.simulation.tracklets import TrackletSimulation
+
+
+def chain(rng: np.random.Generator, count: int) -> np.ndarray:
+    """(12 count, 12 count) covariance of a chain in which each state tells of the next alone."""
+    steps = 0.5 * rng.standard_normal((count, 12, 12))
+    root = np.zeros((12 * count, 12 * count))
+    for k in range(count):
+        now = slice(12 * k, 12 * k + 12)
+        if k:
+            root[now] = steps[k] @ root[12 * k - 12 : 12 * k]
+        root[now, now] += np.eye(12)
+    return root @ root.T
+
+
+def test_a_piece_whose_end_moves_is_as_uncertain_as_its_errors() -> None:
+    """Against the covariance of all errors together, after the end's correction is passed on."""
+    rng, t = np.random.default_rng(0), np.array([0.0, 0.3, 0.5, 1.0])
+    P = chain(rng, 4)
+    pairs = np.array([P[12 * k : 12 * k + 24, 12 * k : 12 * k + 24] for k in range(3)])
+    knots = CovarianceKnots(t, pairs)
+    told = rng.standard_normal((12, 12))
+    end = P[36:, 36:]
+    after = np.linalg.inv(np.linalg.inv(end) + told.T @ told)
+    joint = np.eye(24)[None].copy()
+    joint[0, :12, :12] = after
+    moved = knots.followed_by(CovarianceKnots(np.array([1.0, 2.0]), joint))
+    # The correction and each knot's error before it: cov(e, c) = cov(e, e_end) P^-1 C.
+    C = end - after
+    cross = P[:, 36:] @ np.linalg.solve(end, C)
+    weights = []
+    for a in t:  # a cubic from zero to the end's value and slope
+        weights.append(
+            np.kron(
+                [[3 * a**2 - 2 * a**3, a**3 - a**2], [6 * a - 6 * a**2, 3 * a**2 - 2 * a]],
+                np.eye(6),
+            )
+        )
+    W = np.vstack(weights)
+    expected = P - cross @ W.T - W @ cross.T + W @ C @ W.T
+    for k in range(3):
+        pair = slice(12 * k, 12 * k + 24)
+        assert np.allclose(moved.joint[k], expected[pair, pair], atol=1e-9)
+    assert np.allclose(moved.joint[-1, 12:, 12:], after)
+
+
+def test_a_piece_whose_end_stays_stays() -> None:
+    P = chain(np.random.default_rng(1), 3)
+    pairs = np.array([P[:24, :24], P[12:, 12:]])
+    knots = CovarianceKnots(np.array([0.0, 0.4]), pairs[:1])
+    later = CovarianceKnots(np.array([0.4, 1.0]), pairs[1:])
+    assert np.allclose(knots.followed_by(later).joint, knots.joint, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["gauss_newton", "fixed_lag"])
+def test_velocities_between_final_states_are_honest(method: str) -> None:
+    """Mean NEES at the middle of clusters that have left the window one after the other."""
+    runs, values = 24, []
+    config = EstimatorConfig.model_validate({"method": method, "window": 4, "state_interval": 0.1})
+    for seed in range(runs):
+        rng, simulation = np.random.default_rng(seed), TrackletSimulation(NoiseConfig(), 6)
+        motion = simulation.motion(0.5, rng)
+        estimator = make_estimator(simulation.camera, NoiseConfig(), config)
+        for frame, (stop, measurements) in enumerate(simulation.clusters(motion, rng)):
+            estimator.update(frame, stop, measurements, None)
+        trajectory = estimator.trajectory(0)
+        assert trajectory is not None
+        values.append(nees(trajectory, motion, np.array([0.125, 0.175, 0.225]))[1])
+    low, high = mean_nees_interval(runs, 0.99)
+    mean = np.mean(values, axis=0)
+    assert ((mean > low) & (mean < high)).all(), mean
