@@ -96,8 +96,7 @@ class FixedLagSmoother:
         self._extend_states(increment, possible.t, stop, fit)
         accepted = self._accepted(possible)
         self._landmarks.add_to(increment, self._window, accepted, self._leave_before)
-        increment.add_factors(self._new)
-        self._own, self._new = self._own + self._new, []
+        self._add_own(increment)
         self._solve(increment)
         return self._states
 
@@ -114,7 +113,8 @@ class FixedLagSmoother:
     def add(self, *factors: gtsam.NonlinearFactor) -> None:
         """Add factors of your own between states in the window, such as IMU, GPS, or odometry.
 
-        They are used from the next update on, and marginalized with the first of their states.
+        They are used from the next update on, and marginalized with the first of their states. If
+        one of these is not in the window by then, the factor is left out and listed in `repairs`.
         """
         self._new += factors
 
@@ -174,6 +174,22 @@ class FixedLagSmoother:
         new, repairs = within_gate(sensor, states, self._first_covariance, known, new)
         self.repairs += repairs
         return new
+
+    def _add_own(self, increment: Increment) -> None:
+        """Add the factors of others; those of variables that are not in the window are left out."""
+        for factor in self._new:
+            keys = list(factor.keys())
+            present = [
+                self._linearization_point.exists(k) or increment.values.exists(k) for k in keys
+            ]
+            if not all(present):
+                missing = gtsam.DefaultKeyFormatter(keys[present.index(False)])
+                reason = "factor of others left out: not in the window"
+                self.repairs.append(Repair(missing, float(self._states.t[-1]), None, reason))
+            else:
+                self._own.append(factor)
+                increment.add_factors([factor])
+        self._new = []
 
     def _keep_covariances(self) -> None:
         """Of the states that leave with the next update, which the latest cluster made old."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import X
+from gtsam.symbol_shorthand import V, X
 from synthetic import CAMERA, tracklets
 from test_estimators import METHODS, PERIOD, estimate
 
@@ -81,3 +81,13 @@ def test_a_factor_of_others_that_fails_is_left_out_and_told() -> None:
     ours, theirs = smoother.trajectory(0), plain.trajectory(0)
     assert ours is not None and theirs is not None
     assert np.abs(ours.pose(ours.stop) - theirs.pose(theirs.stop)).max() < 0.02
+
+
+def test_a_factor_of_a_state_that_is_not_there_is_left_out_and_told() -> None:
+    unit = gtsam.noiseModel.Unit.Create(6)
+    smoother = smoother_with(gtsam.PriorFactorVector(V(999), np.zeros(6), unit))
+    told = [repair for repair in smoother.repairs if "others" in repair.reason]
+    assert [repair.key for repair in told] == ["v999"] and len(smoother.repairs) == 1
+    ours, theirs = smoother.trajectory(0), smoother_with(None).trajectory(0)
+    assert ours is not None and theirs is not None
+    assert np.array_equal(ours.T_world_cam, theirs.T_world_cam)
