@@ -162,7 +162,7 @@ def rectify(
     return RectifiedEvents(points[inside], events.t[inside], events.polarity[inside])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _rectify(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
@@ -178,7 +178,7 @@ def _rectify(
         inside[i] = 0 <= np.rint(u) < width and 0 <= np.rint(v) < height  # some tables hold NaN
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _paint(
     surface: NDArray[np.float64],
     x: NDArray[np.uint16],

@@ -45,7 +45,7 @@ class EventFilter:
         return events[keep]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _judge(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
@@ -13,12 +14,12 @@ from threadpoolctl import ThreadpoolController
 T = TypeVar("T")
 
 
-def prefetched(items: Iterator[T]) -> Iterator[T]:
-    """The same items, each made in a thread of its own while the one before is in use."""
+def prefetched(items: Iterator[T], ahead: int = 3) -> Iterator[T]:
+    """The same items, made in a thread of its own up to some ahead of the one that is in use."""
     with ThreadPoolExecutor(1) as thread:
-        following = thread.submit(next, items, None)
-        while (item := following.result()) is not None:
-            following = thread.submit(next, items, None)
+        coming = deque(thread.submit(next, items, None) for _ in range(ahead))
+        while (item := coming.popleft().result()) is not None:
+            coming.append(thread.submit(next, items, None))
             yield item
 
 
