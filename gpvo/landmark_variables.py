@@ -28,11 +28,15 @@ class LandmarkVariables:
     def add_to(
         self, increment: Increment, window: NumberedStates, new: Measurements, leave_before: float
     ) -> None:
-        """Add the factors of measurements that lie within the window, and new landmarks."""
+        """Add the factors of measurements that lie within the window, and new landmarks.
+
+        One that leaves with this update, and is measured again, is another one with the next.
+        """
         known = Measurements.concatenate([self._pending, new])
         known = known[known.t >= window.states.t[0]]
-        ready = np.isin(known.landmark, seen_twice(known).landmark)
-        ready |= np.array([self._active.exists(L(number)) for number in known.landmark], bool)
+        active = np.array([self._active.exists(L(number)) for number in known.landmark], bool)
+        stays = np.isin(known.landmark, self.used.landmark[self.used.t >= leave_before])
+        ready = (active & stays) | (~active & np.isin(known.landmark, seen_twice(known).landmark))
         self._pending = known[~ready]
         self.used = Measurements.concatenate([self.used, known[ready]])
         self.used = self.used[self.used.t >= window.states.t[0]]
@@ -62,10 +66,10 @@ class LandmarkVariables:
     def _measure(
         self, increment: Increment, window: NumberedStates, measurements: Measurements
     ) -> None:
-        """Reprojection factors, new landmarks, and the lag of all that are seen from now on."""
+        """Reprojection factors, new landmarks, and when each was measured last."""
         T_world_cam, _ = window.states.query(measurements.t)
         for landmark, point in landmark_points(measurements, T_world_cam, self._make.camera):
-            increment.stamps[L(landmark)] = window.states.t[-1]
+            increment.stamps[L(landmark)] = self.used.t[self.used.landmark == landmark].max()
             if not self._active.exists(L(landmark)):
                 increment.values.insert(L(landmark), point)
         increment.add_factors(
