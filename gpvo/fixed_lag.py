@@ -16,7 +16,7 @@ from gpvo.eliminated_landmarks import EliminatedLandmarks
 from gpvo.factor_graph import SAME_TIME, FactorMaker, state_times
 from gpvo.gate import within_gate
 from gpvo.increment import Increment, Landmarks, NumberedStates
-from gpvo.initialization import start_states, velocity_ahead
+from gpvo.initialization import start_deviations, start_states, velocity_ahead
 from gpvo.joining import joined
 from gpvo.lag import Lag
 from gpvo.lag_window import Sensor, new_times
@@ -28,7 +28,6 @@ from gpvo.states import States, later_states
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 from gpvo.window import (
-    FIXED,
     are_covariances,
     isam_parameters,
     joint_covariances,
@@ -124,8 +123,7 @@ class FixedLagSmoother:
             return None
         states = States.concatenate([*self._final, self._states])
         now = self._knots_until(np.inf)
-        last = [knots.followed_by(now) for knots in self._knots[-1:]]
-        knots = CovarianceKnots.joined([*self._knots[:-1], *last, now])
+        knots = CovarianceKnots.joined(CovarianceKnots.extended(self._knots, now))
         return Trajectory.of_states(states, knots, self._make.noise, start_ns)
 
     def settled(self, after: float) -> States:
@@ -135,8 +133,8 @@ class FixedLagSmoother:
     @property
     def stored_bytes(self) -> int:
         """Size of the final estimates and their covariances."""
-        states = sum(s.t.nbytes + s.T_world_cam.nbytes + s.twist.nbytes for s in self._final)
-        return states + sum(knots.t.nbytes + knots.joint.nbytes for knots in self._knots)
+        states = sum(part.nbytes for part in self._final)
+        return states + sum(part.nbytes for part in self._knots)
 
     @property
     def _window(self) -> NumberedStates:
@@ -161,9 +159,7 @@ class FixedLagSmoother:
     @property
     def _first_covariance(self) -> Array:
         """(12, 12) of the window's first state when it was solved last."""
-        if self._knots:
-            return self._knots[-1].joint[-1, 12:, 12:]
-        return np.diag(np.repeat([FIXED, self._make.noise.initial_velocity], 6) ** 2)
+        return CovarianceKnots.last_covariance(self._knots, start_deviations(self._make.noise))
 
     def _accepted(self, new: Measurements) -> Measurements:
         """Without the measurements beyond the gate."""
@@ -196,7 +192,7 @@ class FixedLagSmoother:
         self._leave_before = min(self._lag.start, self._states.t[-1])
         knots = self._knots_until(self._leave_before)
         if len(knots.t):
-            self._knots[-1:] = [*(kept.followed_by(knots) for kept in self._knots[-1:]), knots]
+            self._knots[-1:] = CovarianceKnots.extended(self._knots[-1:], knots)
 
     def _extend_states(
         self, increment: Increment, measured: Array, stop: float, fit: VelocityFit | None

@@ -13,7 +13,7 @@ from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.covariance_knots import CovarianceKnots
 from gpvo.factor_graph import SAME_TIME
 from gpvo.gaussian import IndeterminateError
-from gpvo.initialization import start_states, velocity_ahead
+from gpvo.initialization import start_deviations, start_states, velocity_ahead
 from gpvo.joining import joined
 from gpvo.lag import Lag
 from gpvo.lag_window import LagWindow, Sensor, new_times
@@ -24,7 +24,6 @@ from gpvo.threads import one_blas_thread
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 from gpvo.unique_times import Deviations
-from gpvo.window import FIXED
 from gpvo.window_optimizer import Optimum
 
 Array = NDArray[np.float64]
@@ -85,8 +84,7 @@ class GaussNewtonSmoother:
             return None
         states = States.concatenate([*self._final, *self._left(), self._window.states])
         now = self._window_knots(len(self._window.states) - 1)
-        last = [knots.followed_by(now) for knots in self._knots[-1:]]
-        knots = CovarianceKnots.joined([*self._knots[:-1], *last, now])
+        knots = CovarianceKnots.joined(CovarianceKnots.extended(self._knots, now))
         for deviations in self._deviations():
             states = deviations.merged(states)
         return Trajectory.of_states(states, knots, self._sensor.noise, start_ns)
@@ -104,9 +102,9 @@ class GaussNewtonSmoother:
     @property
     def stored_bytes(self) -> int:
         """Size of the final estimates and their covariances."""
-        states = sum(s.t.nbytes + s.T_world_cam.nbytes + s.twist.nbytes for s in self._final)
         deviations = sum(d.t.nbytes + d.local.nbytes for d in self._final_deviations)
-        return states + deviations + sum(k.t.nbytes + k.joint.nbytes for k in self._knots)
+        states = sum(part.nbytes for part in self._final)
+        return states + deviations + sum(part.nbytes for part in self._knots)
 
     def _deviations(self) -> Iterator[Deviations]:
         """Of the states at unique times, if these are asked for."""
@@ -120,8 +118,13 @@ class GaussNewtonSmoother:
     def _first_window(self, t: float, fit: VelocityFit | None) -> LagWindow:
         """The first state, whose pose defines the world."""
         state = start_states(t, fit, self._sensor.noise)
-        deviations = np.repeat([FIXED, self._sensor.noise.initial_velocity], 6)
-        return LagWindow.of_state(self._sensor, state, np.diag(deviations**2))
+        return LagWindow.of_state(self._sensor, state, self._first_covariance)
+
+    @property
+    def _first_covariance(self) -> Array:
+        """(12, 12) of the window's first state when it was solved last."""
+        deviations = start_deviations(self._sensor.noise)
+        return CovarianceKnots.last_covariance(self._knots, deviations)
 
     def _solve(self, window: LagWindow, new: Measurements) -> bool:
         """Take the new measurements; if that fails start anew from the window's, or from none.
@@ -148,10 +151,7 @@ class GaussNewtonSmoother:
 
     def _restarted(self, window: LagWindow) -> LagWindow:
         """The window's states without measurements, the first as uncertain as it was."""
-        covariance = np.diag(np.repeat([FIXED, self._sensor.noise.initial_velocity], 6) ** 2)
-        if self._knots:
-            covariance = self._knots[-1].joint[-1, 12:, 12:]
-        alone = LagWindow.of_state(self._sensor, window.states[:1], covariance)
+        alone = LagWindow.of_state(self._sensor, window.states[:1], self._first_covariance)
         return replace(alone, states=window.states)
 
     def _restart(self, window: LagWindow, error: IndeterminateError) -> Repair:
@@ -170,7 +170,7 @@ class GaussNewtonSmoother:
             self._final += self._left()
             self._leaving = self._window.states[: leaving + 1]
             knots = self._window_knots(leaving)
-            self._knots[-1:] = [*(kept.followed_by(knots) for kept in self._knots[-1:]), knots]
+            self._knots[-1:] = CovarianceKnots.extended(self._knots[-1:], knots)
             if self._sensor.config.state_interval == 0:
                 start = self._window.states.t[leaving]
                 self._final_deviations.append(self._window.deviations(start))

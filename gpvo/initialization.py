@@ -12,6 +12,13 @@ from gpvo.states import States
 Array = NDArray[np.float64]
 ESTIMATED_VELOCITY = 1e-4
 """Variance of an estimated velocity, (rad/s)^2 and (m/s)^2, before the prior lets it drift."""
+FIXED = 1e-6
+"""Standard deviation of the pose that the world or a window starts with, rad and m."""
+
+
+def start_deviations(noise: NoiseConfig) -> Array:
+    """(12,) of the first state: its pose is fixed, its twist what the prior allows."""
+    return np.repeat([FIXED, noise.initial_velocity], 6)
 
 
 def start_states(t: float, fit: VelocityFit | None, noise: NoiseConfig) -> States:

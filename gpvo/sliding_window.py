@@ -12,7 +12,7 @@ from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.covariance_knots import CovarianceKnots
 from gpvo.factor_graph import FactorMaker, seen_twice, state_times
 from gpvo.gate import within_gate
-from gpvo.initialization import start_states, velocity_ahead
+from gpvo.initialization import start_deviations, start_states, velocity_ahead
 from gpvo.lag import Lag
 from gpvo.lag_window import Sensor
 from gpvo.mc_ransac import VelocityFit
@@ -21,7 +21,7 @@ from gpvo.robust import RobustLoss
 from gpvo.states import States, later_states
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory
-from gpvo.window import FIXED, Window
+from gpvo.window import Window
 
 Array = NDArray[np.float64]
 
@@ -113,7 +113,7 @@ class SlidingWindow:
     @property
     def _anchor_deviations(self) -> Array:
         """(12,) of the pose, which is fixed, and of the twist, which the measurements tell."""
-        return np.repeat([FIXED, self._make.noise.initial_velocity], 6)
+        return start_deviations(self._make.noise)
 
     def _add(self, stop: float, measurements: Measurements) -> None:
         known = Measurements.concatenate([self._measurements, measurements])

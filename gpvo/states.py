@@ -27,6 +27,11 @@ class States:
     def __getitem__(self, index: slice) -> States:
         return States(self.t[index], self.T_world_cam[index], self.twist[index])
 
+    @property
+    def nbytes(self) -> int:
+        """Size of the arrays."""
+        return self.t.nbytes + self.T_world_cam.nbytes + self.twist.nbytes
+
     @staticmethod
     def concatenate(parts: Iterable[States]) -> States:
         """Join states in order of time."""

@@ -17,8 +17,6 @@ from gpvo.states import States
 from gpvo.tracklets import Measurements
 
 Array = NDArray[np.float64]
-FIXED = 1e-6
-"""Standard deviation of the pose that the world or a window starts with, rad and m."""
 ROUNDING = 1e-8
 """Eigenvalue of a correlation matrix that is as good as zero."""
 FASTEST = 1e3
