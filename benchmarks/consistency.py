@@ -12,7 +12,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.consistency import mean_nees_interval, nees
 from gpvo.estimators import make_estimator
 from gpvo.simulation.tracklets import TrackletSimulation

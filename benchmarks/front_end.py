@@ -20,7 +20,7 @@ from rich.table import Table
 
 from benchmarks.known_motion import KnownRecording, known_recordings, parse_options
 from gpvo import Odometry
-from gpvo.config import Configuration
+from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
 from gpvo.inspection import inspect
 from gpvo.inspection_summary import summarize

@@ -18,7 +18,7 @@ from rich.table import Table
 
 from factors.lie import se3_exp
 from factors.stereo import StereoCamera
-from gpvo.config import McRansacConfig
+from gpvo.config.stages import McRansacConfig
 from gpvo.mc_ransac import Segments, fast_mc_ransac, inlier_tolerance, mc_ransac, random_samples
 
 Array = NDArray[np.float64]

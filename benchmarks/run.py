@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpvo.config import Configuration
+from gpvo.config.stages import Configuration
 from gpvo.evaluation.continuous import ContinuousPoses
 from gpvo.evaluation.cost import Cost, CostMeter
 from gpvo.odometry import Odometry

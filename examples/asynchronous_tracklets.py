@@ -15,7 +15,7 @@ import numpy as np
 
 from factors import StereoCamera
 from factors.lie import se3_exp, se3_inverse
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory

@@ -1,6 +1,6 @@
 """gpvo: continuous-time visual odometry for stereo event cameras."""
 
-from gpvo.config import Configuration
+from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording

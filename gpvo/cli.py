@@ -10,8 +10,8 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from gpvo.config import Configuration
-from gpvo.configuration_file import configuration_text, load_configuration
+from gpvo.config.stages import Configuration
+from gpvo.config.yaml_file import configuration_text, load_configuration
 from gpvo.errors import InputError
 from gpvo.recordings import Recording, open_recording
 

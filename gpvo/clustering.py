@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gpvo.calibration import StereoRig
-from gpvo.config import ClusteringConfig
+from gpvo.config.stages import ClusteringConfig
 from gpvo.contours import events_until_thick
 from gpvo.event_filter import EventFilter
 from gpvo.recordings.base import Events, StereoEvents

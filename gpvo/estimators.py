@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from factors import StereoCamera
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.mc_ransac import VelocityFit

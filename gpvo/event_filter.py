@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.config import ClusteringConfig
+from gpvo.config.stages import ClusteringConfig
 from gpvo.recordings.base import Events
 
 LEAST_HOT = 20

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.clustering import EventImage, StereoCluster
-from gpvo.config import TrackingConfig
+from gpvo.config.stages import TrackingConfig
 from gpvo.event_tracking_hypotheses import Patches, follow, judge, new_patches
 from gpvo.event_tracking_images import BORDER, align, blur_kernel, draw, normalized
 from gpvo.event_tracking_search import EventRows, event_rows, latest_around

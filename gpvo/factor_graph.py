@@ -21,7 +21,7 @@ from factors import (
     StructurelessStereoFactor,
     WnoaPriorFactor,
 )
-from gpvo.config import NoiseConfig
+from gpvo.config.stages import NoiseConfig
 from gpvo.robust import RobustLoss
 from gpvo.tracklets import Measurements
 

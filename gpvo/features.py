@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.config import FeatureConfig
+from gpvo.config.stages import FeatureConfig
 
 BLOB_MASK = np.array(
     [

@@ -10,7 +10,7 @@ from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
 from factors import StereoCamera
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.covariance_knots import CovarianceKnots
 from gpvo.eliminated_landmarks import EliminatedLandmarks
 from gpvo.factor_graph import SAME_TIME, FactorMaker, state_times

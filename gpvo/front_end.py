@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from factors import StereoCamera
 from gpvo.calibration import StereoRig
 from gpvo.clustering import StereoCluster
-from gpvo.config import Configuration
+from gpvo.config.stages import Configuration
 from gpvo.mc_ransac import VelocityFit, mc_ransac
 from gpvo.observations import Observations
 from gpvo.tracking import Tracker, make_tracker

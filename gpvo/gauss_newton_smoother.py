@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.covariance_knots import CovarianceKnots
 from gpvo.factor_graph import SAME_TIME
 from gpvo.gaussian import IndeterminateError

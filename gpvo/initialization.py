@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.config import NoiseConfig
+from gpvo.config.stages import NoiseConfig
 from gpvo.mc_ransac import VelocityFit
 from gpvo.states import States
 

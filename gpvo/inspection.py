@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
 from gpvo.clustering import StereoCluster, cluster_events
-from gpvo.config import Configuration
+from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
 from gpvo.front_end import FrontEnd
 from gpvo.inspection_truth import Truth

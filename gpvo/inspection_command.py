@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from gpvo.config import Configuration
-from gpvo.configuration_file import configuration_text, load_fields
+from gpvo.config.stages import Configuration
+from gpvo.config.yaml_file import configuration_text, load_fields
 from gpvo.errors import InputError
 from gpvo.folders import make_folder
 from gpvo.inspection import inspect

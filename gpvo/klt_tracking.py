@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.config import TrackingConfig
+from gpvo.config.stages import TrackingConfig
 from gpvo.features import extrema, smooth, strongest_spaced
 from gpvo.observations import Observations
 from gpvo.patch_checks import patch_correlation, row_gradient

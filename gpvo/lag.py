@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from gpvo.config import EstimatorConfig
+from gpvo.config.stages import EstimatorConfig
 
 
 class Lag:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from factors import StereoCamera
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.factor_graph import SAME_TIME, seen_twice
 from gpvo.gaussian import IndeterminateError
 from gpvo.landmarks import Landmarks

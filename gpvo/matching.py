@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.config import Viso2Config
+from gpvo.config.stages import Viso2Config
 from gpvo.delaunay_support import are_supported
 from gpvo.features import Features
 from gpvo.search_ranges import SearchRanges

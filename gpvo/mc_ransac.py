@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_exp, se3_left_jacobian, skew
 from factors.stereo import StereoCamera
-from gpvo.config import McRansacConfig
+from gpvo.config.stages import McRansacConfig
 from gpvo.constant_velocity import best_sample_velocity, moved_points
 from gpvo.velocity_refinement import normal_equations
 

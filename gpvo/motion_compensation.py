@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gpvo.clustering import RectifiedEvents, StereoCluster
-from gpvo.config import CompensationConfig
+from gpvo.config.stages import CompensationConfig
 from gpvo.observations import Observations
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 
 from gpvo.calibration import StereoRig
 from gpvo.clustering import StereoCluster, cluster_events
-from gpvo.config import Configuration
+from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
 from gpvo.estimators import make_estimator
 from gpvo.front_end import FrontEnd

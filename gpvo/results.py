@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from gpvo.config import Configuration
-from gpvo.configuration_file import configuration_text
+from gpvo.config.stages import Configuration
+from gpvo.config.yaml_file import configuration_text
 from gpvo.evaluation import Evaluation, evaluate
 from gpvo.evaluation.association import common_part
 from gpvo.evaluation.cost import COST_FILE

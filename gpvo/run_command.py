@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from gpvo.config import Configuration
+from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.cost import CostMeter, cost_table, write_cost
 from gpvo.evaluation.loading import load_poses

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.covariance_knots import CovarianceKnots
 from gpvo.factor_graph import FactorMaker, seen_twice, state_times
 from gpvo.gate import within_gate

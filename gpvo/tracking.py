@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.clustering import StereoCluster
-from gpvo.config import TrackingConfig
+from gpvo.config.stages import TrackingConfig
 from gpvo.event_tracking import EventTracker
 from gpvo.features import half_resolution
 from gpvo.klt_tracking import KltTracker

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gpvo.clustering import StereoCluster
-from gpvo.config import TrackletConfig
+from gpvo.config.stages import TrackletConfig
 from gpvo.mc_ransac import Segments
 from gpvo.observations import Observations
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.bucketing import best_per_cell
-from gpvo.config import FeatureConfig, TrackingConfig
+from gpvo.config.stages import FeatureConfig, TrackingConfig
 from gpvo.features import detect, gradients, smooth
 from gpvo.matching import StereoFeatures, index_features, match_quads, quad_points
 from gpvo.observations import Observations

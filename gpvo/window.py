@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import L, V, X
 from numpy.typing import NDArray
 
 from factors import wnoa_covariance
-from gpvo.config import EstimatorConfig
+from gpvo.config.stages import EstimatorConfig
 from gpvo.factor_graph import FactorMaker, landmark_points, nested_dissection
 from gpvo.states import States
 from gpvo.tracklets import Measurements

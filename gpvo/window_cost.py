@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from factors.lie import se3_exp
-from gpvo.config import NoiseConfig
+from gpvo.config.stages import NoiseConfig
 from gpvo.gaussian import Quadratic
 from gpvo.landmarks import Landmarks
 from gpvo.marginal_prior import MarginalPrior

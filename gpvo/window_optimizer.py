@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.config import EstimatorConfig
+from gpvo.config.stages import EstimatorConfig
 from gpvo.gaussian import IndeterminateError, Quadratic
 from gpvo.window_cost import Variables, WindowCost
 

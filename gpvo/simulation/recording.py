@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gpvo.calibration import Camera, StereoRig
-from gpvo.config import StageConfig
+from gpvo.config.stages import StageConfig
 from gpvo.poses import StampedPoses
 from gpvo.recordings.base import Events, Recording, StereoEvents
 from gpvo.recordings.slabs import stereo_slabs

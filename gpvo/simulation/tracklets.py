@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera, wnoa_covariance
 from factors.lie import se3_exp, se3_inverse, se3_right_jacobian
-from gpvo.config import NoiseConfig
+from gpvo.config.stages import NoiseConfig
 from gpvo.states import States
 from gpvo.tracklets import Measurements
 

@@ -12,7 +12,7 @@ from benchmarks.mc_ransac import (
     frame_based_inliers,
     numpy_fast_mc_ransac,
 )
-from gpvo.config import McRansacConfig
+from gpvo.config.stages import McRansacConfig
 from gpvo.mc_ransac import are_inliers, fast_mc_ransac, mc_ransac
 
 

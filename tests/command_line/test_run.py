@@ -16,7 +16,7 @@ from run_files import RecordingFiles
 
 from gpvo import Odometry, Trajectory, open_recording
 from gpvo.cli import main
-from gpvo.configuration_file import load_configuration
+from gpvo.config.yaml_file import load_configuration
 from gpvo.errors import InputError
 from gpvo.recordings import StereoEvents
 from gpvo.recordings.mvsec import MvsecRecording

@@ -11,7 +11,7 @@ from run_files import RecordingFiles
 
 from gpvo import open_recording
 from gpvo.cli import main
-from gpvo.configuration_file import load_configuration
+from gpvo.config.yaml_file import load_configuration
 from gpvo.run_command import load_ground_truth
 from gpvo.tune_noise import acceleration_psd
 

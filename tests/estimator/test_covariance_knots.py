@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.consistency import mean_nees_interval, nees
 from gpvo.covariance_knots import CovarianceKnots
 from gpvo.estimators import make_estimator

@@ -8,7 +8,7 @@ from synthetic import CAMERA, TWIST, constant_velocity, tracklets
 
 from factors import wnoa_information
 from factors.lie import se3_inverse, se3_log
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.sliding_window import SlidingWindow

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from synthetic import CAMERA, TWIST, constant_velocity, tracklets
 
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.factor_graph import (
     SAME_TIME,
     FactorMaker,

@@ -14,7 +14,7 @@ from test_estimators import NOTHING, PERIOD
 
 from factors import StructurelessStereoFactor
 from factors.lie import se3_inverse, se3_log
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.consistency import mean_nees_interval, nees
 from gpvo.eliminated_landmarks import GOLDEN
 from gpvo.factor_graph import FactorMaker, seen_twice

@@ -16,7 +16,7 @@ from test_robustness import behind_the_camera, outliers, run
 
 from factors import InterpolatedStereoFactor, WnoaPriorFactor, wnoa_covariance
 from factors.lie import se3_inverse, se3_log
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.consistency import mean_nees_interval, nees
 from gpvo.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.gaussian import IndeterminateError, Quadratic

@@ -9,7 +9,7 @@ from gtsam.symbol_shorthand import V, X
 from synthetic import CAMERA, tracklets
 from test_estimators import METHODS, PERIOD, estimate
 
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.lag import Lag
 

@@ -10,7 +10,7 @@ import synthetic
 from synthetic import CAMERA, TWIST, constant_velocity
 from test_estimators import METHODS, NOTHING, PERIOD
 
-from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.mc_ransac import VelocityFit
 from gpvo.tracklets import Measurements
 from gpvo.trajectory import Trajectory

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpvo.config import NoiseConfig
+from gpvo.config.stages import NoiseConfig
 from gpvo.errors import InputError
 from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.states import States

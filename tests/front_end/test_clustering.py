@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gpvo.calibration import Camera, StereoRig
 from gpvo.clustering import StereoCluster, cluster_events, event_image
-from gpvo.config import ClusteringConfig
+from gpvo.config.stages import ClusteringConfig
 from gpvo.recordings.base import Events, StereoEvents
 
 HEIGHT, WIDTH = 12, 16

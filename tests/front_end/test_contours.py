@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gpvo.calibration import Camera, StereoRig
 from gpvo.clustering import StereoCluster, cluster_events
-from gpvo.config import ClusteringConfig
+from gpvo.config.stages import ClusteringConfig
 from gpvo.contours import BLOCK, events_until_thick
 from gpvo.recordings.base import Events, StereoEvents
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpvo.clustering import EventImage
-from gpvo.config import ClusteringConfig
+from gpvo.config.stages import ClusteringConfig
 from gpvo.event_filter import LEAST_HOT, EventFilter
 from gpvo.recordings.base import Events
 

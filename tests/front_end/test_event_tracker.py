@@ -24,7 +24,7 @@ from scipy.ndimage import map_coordinates
 from gpvo import Odometry
 from gpvo.calibration import Camera, StereoRig
 from gpvo.clustering import EventImage, RectifiedEvents, StereoCluster
-from gpvo.config import Configuration, EventTrackerConfig, TrackingConfig
+from gpvo.config.stages import Configuration, EventTrackerConfig, TrackingConfig
 from gpvo.event_tracking import EventTracker
 from gpvo.event_tracking_hypotheses import (
     HYPOTHESES,

@@ -7,7 +7,7 @@ import pytest
 
 from gpvo import Odometry
 from gpvo.clustering import StereoCluster
-from gpvo.config import Configuration, TrackingConfig
+from gpvo.config.stages import Configuration, TrackingConfig
 from gpvo.inspection import inspect
 from gpvo.inspection_truth import truth_of_simulation
 from gpvo.observations import Observations

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from factors.lie import se3_exp
 from factors.stereo import StereoCamera
 from gpvo.cli import app
-from gpvo.config import Configuration, KltConfig, TrackingConfig
+from gpvo.config.stages import Configuration, KltConfig, TrackingConfig
 from gpvo.errors import InputError
 from gpvo.inspection import AGREEMENT, InspectedCluster, JudgedTracklets, inspect, judge
 from gpvo.inspection_command import inspect_command

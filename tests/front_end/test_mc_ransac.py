@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
-from gpvo.config import McRansacConfig
+from gpvo.config.stages import McRansacConfig
 from gpvo.constant_velocity import moved_points
 from gpvo.mc_ransac import (
     Segments,

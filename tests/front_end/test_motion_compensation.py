@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpvo.clustering import EventImage, RectifiedEvents, StereoCluster
-from gpvo.config import CompensationConfig
+from gpvo.config.stages import CompensationConfig
 from gpvo.motion_compensation import CompensatedImage, Flow, MotionCompensation, flow_between
 from gpvo.observations import Observations
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from gpvo.config import KltConfig, TrackingConfig
+from gpvo.config.stages import KltConfig, TrackingConfig
 from gpvo.features import smooth
 from gpvo.klt_tracking import KltTracker
 from gpvo.observations import Observations

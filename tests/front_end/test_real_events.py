@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from gpvo import Odometry, open_recording
 from gpvo.clustering import StereoCluster, event_image
-from gpvo.config import TrackingConfig
+from gpvo.config.stages import TrackingConfig
 from gpvo.recordings.base import Events
 from gpvo.tracking import MultiResolutionTracker
 

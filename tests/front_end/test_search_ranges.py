@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gpvo.config import Viso2Config
+from gpvo.config.stages import Viso2Config
 from gpvo.search_ranges import STEPS, STEREO_STEPS, SearchRanges, everywhere, near_matches
 
 SHAPE, CELL, LEAST = (180, 240), 50, 20.0

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gpvo.clustering import EventImage, StereoCluster
-from gpvo.config import TrackletConfig
+from gpvo.config.stages import TrackletConfig
 from gpvo.observations import Observations
 from gpvo.tracklets import Measurements, Tracklets, feature_times
 

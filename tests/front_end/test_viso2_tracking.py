@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from front_end_scenes import MovingPlane, Texture
 
-from gpvo.config import TrackingConfig
+from gpvo.config.stages import TrackingConfig
 from gpvo.viso2_tracking import NO_LANDMARK, Viso2Tracker
 
 FRAMES = 3

@@ -8,7 +8,7 @@ from typing import TypeVar
 import yaml
 from pydantic import ValidationError
 
-from gpvo.config import Configuration, StageConfig
+from gpvo.config.stages import Configuration, StageConfig
 from gpvo.errors import InputError
 
 Fields = TypeVar("Fields", bound=StageConfig)

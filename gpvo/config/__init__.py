@@ -1,0 +1,1 @@
+"""One configuration in the order of the stages, and the YAML file that it is read from."""
