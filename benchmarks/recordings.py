@@ -25,10 +25,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from gpvo.convert import WRITERS
 from gpvo.recordings import open_recording
+from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
 from gpvo.recordings.streams import EventBlock
-from gpvo.recordings.unknown import UNKNOWN_RIG
+from gpvo.recordings.writing.convert import WRITERS
 
 SIZE = (346, 260)
 START_NS = 1_500_000_000_000_000_000

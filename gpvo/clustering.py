@@ -13,11 +13,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.calibration import StereoRig
 from gpvo.config.stages import ClusteringConfig
 from gpvo.contours import events_until_thick
 from gpvo.event_filter import EventFilter
 from gpvo.recordings.base import Events, StereoEvents
+from gpvo.recordings.calibration.rig import StereoRig
 
 
 @dataclass(frozen=True, eq=False)

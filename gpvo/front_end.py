@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
-from gpvo.calibration import StereoRig
 from gpvo.clustering import StereoCluster
 from gpvo.config.stages import Configuration
 from gpvo.mc_ransac import VelocityFit, mc_ransac
 from gpvo.observations import Observations
+from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.tracking import Tracker, make_tracker
 from gpvo.tracklets import Measurements, Tracklets, segments_between
 

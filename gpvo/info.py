@@ -13,10 +13,10 @@ from rich.table import Table
 
 from gpvo.errors import InputError
 from gpvo.recordings.base import Events, Recording
-from gpvo.recordings.calibrations import Calibration, MissingCalibrationError
-from gpvo.recordings.opening import open_recording
-from gpvo.recordings.synchrony import clock_offset
-from gpvo.recordings.unknown import UNKNOWN_RIG
+from gpvo.recordings.calibration.find import Calibration, MissingCalibrationError
+from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
+from gpvo.recordings.checks.clock_offset import clock_offset
+from gpvo.recordings.open_recording import open_recording
 
 GAP_SECONDS = 0.05
 """A moving camera, and even the noise of one at rest, is never silent for so long."""

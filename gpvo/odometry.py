@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from gpvo.calibration import StereoRig
 from gpvo.clustering import StereoCluster, cluster_events
 from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
 from gpvo.estimators import make_estimator
 from gpvo.front_end import FrontEnd
 from gpvo.recordings.base import Recording
+from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.threads import one_blas_thread, prefetched
 from gpvo.tracking import Tracker
 from gpvo.trajectory import Trajectory

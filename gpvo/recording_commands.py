@@ -9,8 +9,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from gpvo.convert import camchain_path, convert, kind_of
 from gpvo.info import open_for_info, summarise
+from gpvo.recordings.writing.convert import camchain_path, convert, kind_of
 
 
 def info_command(

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
-from gpvo.recordings.basalt import imu_to_left, imu_to_marker
-from gpvo.recordings.calibration_fields import Fields, load_fields
-from gpvo.recordings.dsec_calibration import lidar_to_left
+from gpvo.recordings.calibration.basalt import imu_to_left, imu_to_marker
+from gpvo.recordings.calibration.dsec import lidar_to_left
+from gpvo.recordings.calibration.fields import Fields, load_fields
+from gpvo.recordings.calibration.rig import StereoRig
 
 Transform = NDArray[np.float64]
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
 from gpvo.evaluation.body_frames import body_to_left, raw_to_rectified
 from gpvo.evaluation.continuous import ContinuousPoses
 from gpvo.evaluation.rosbag import read_pose_bag
 from gpvo.poses import StampedPoses
-from gpvo.recordings.rosbag1 import RosBag1, is_rosbag1
+from gpvo.recordings.bags.rosbag1 import RosBag1, is_rosbag1
+from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.trajectory import Trajectory
 from gpvo.tum import parse_tum
 

@@ -1,9 +1,9 @@
 """Recordings: one reader per format, all giving the same events in the same slabs."""
 
 from gpvo.recordings.base import Events, Recording, StereoEvents
-from gpvo.recordings.calibrations import read_calibration
-from gpvo.recordings.kalibr import read_kalibr
-from gpvo.recordings.opening import open_recording
+from gpvo.recordings.calibration.find import read_calibration
+from gpvo.recordings.calibration.kalibr import read_kalibr
+from gpvo.recordings.open_recording import open_recording
 
 __all__ = [
     "Events",

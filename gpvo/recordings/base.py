@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.calibration import StereoRig
+from gpvo.recordings.calibration.rig import StereoRig
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gpvo.calibration import Camera, StereoRig
 from gpvo.errors import InputError
 from gpvo.recordings.base import Events, Recording, StereoEvents
-from gpvo.recordings.clocks import common_clock
-from gpvo.recordings.ordering import in_order
+from gpvo.recordings.calibration.rig import Camera, StereoRig
+from gpvo.recordings.calibration.unknown import LARGEST
+from gpvo.recordings.checks.clocks import common_clock
+from gpvo.recordings.checks.time_order import in_order
 from gpvo.recordings.slabs import stereo_slabs
 from gpvo.recordings.streams import EventBlock, EventStream, Faults
-from gpvo.recordings.unknown import LARGEST
 
 log = logging.getLogger("gpvo.recordings")
 

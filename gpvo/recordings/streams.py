@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 Faults = Counter[str]
 """What was wrong with a stream and left out, with the number of times: {"events ...": 12}."""
 
+DAMAGED = "damaged parts of the file were skipped"
+
 
 @dataclass(frozen=True)
 class EventBlock:

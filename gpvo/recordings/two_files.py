@@ -6,17 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from gpvo.recordings import columns, prophesee_hdf5
 from gpvo.recordings.base import Recording
-from gpvo.recordings.calibrations import Calibration, rig_for
-from gpvo.recordings.columns import ColumnStream
-from gpvo.recordings.dsec import check_rectify_map
+from gpvo.recordings.calibration.dsec_rectify_map import check_rectify_map
+from gpvo.recordings.calibration.find import Calibration, rig_for
+from gpvo.recordings.files import hdf5_columns, prophesee_hdf5
+from gpvo.recordings.files.hdf5_columns import ColumnStream
+from gpvo.recordings.files.prophesee_raw import RawStream, is_raw
+from gpvo.recordings.files.text import TextStream, is_text
 from gpvo.recordings.hdf5 import has_dataset
 from gpvo.recordings.pairing import camera_files, files_of
-from gpvo.recordings.raw import RawStream, is_raw
 from gpvo.recordings.stereo import StreamRecording
 from gpvo.recordings.streams import EventStream
-from gpvo.recordings.text import TextStream, is_text
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,14 @@ HDF5 = (".h5", ".hdf5")
 COLUMNS = TwoFiles(
     "DSEC, TUM-VIE or VECtor HDF5",
     HDF5,
-    lambda path: has_dataset(path, columns.DSEC.x),
-    lambda path: ColumnStream(path, columns.DSEC),
+    lambda path: has_dataset(path, hdf5_columns.DSEC.x),
+    lambda path: ColumnStream(path, hdf5_columns.DSEC),
 )
 EVENT_UTILS = TwoFiles(
     "event_utils HDF5",
     HDF5,
-    lambda path: has_dataset(path, columns.EVENT_UTILS.x),
-    lambda path: ColumnStream(path, columns.EVENT_UTILS),
+    lambda path: has_dataset(path, hdf5_columns.EVENT_UTILS.x),
+    lambda path: ColumnStream(path, hdf5_columns.EVENT_UTILS),
 )
 PROPHESEE_HDF5 = TwoFiles(
     "Prophesee HDF5",

@@ -9,9 +9,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from gpvo.calibration import StereoRig
 from gpvo.poses import StampedPoses
 from gpvo.recordings.base import Events
+from gpvo.recordings.calibration.rig import StereoRig
 
 
 def write_mvsec(

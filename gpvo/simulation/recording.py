@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from gpvo.calibration import Camera, StereoRig
 from gpvo.config.stages import StageConfig
 from gpvo.poses import StampedPoses
 from gpvo.recordings.base import Events, Recording, StereoEvents
+from gpvo.recordings.calibration.rig import Camera, StereoRig
 from gpvo.recordings.slabs import stereo_slabs
 from gpvo.simulation.events import Sensor, frame_times, simulate_events
 from gpvo.simulation.motion import CORRIDOR_SPEED, Motion, MotionName

@@ -16,10 +16,10 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from benchmarks.dsec import main
-from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
 from gpvo.poses import StampedPoses, rigid_transforms
 from gpvo.recordings.base import Events
+from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.simulation.recording import SimulatedRecording
 from gpvo.tum import write_tum
 

@@ -19,7 +19,7 @@ from gpvo.cli import main
 from gpvo.config.yaml_file import load_configuration
 from gpvo.errors import InputError
 from gpvo.recordings import StereoEvents
-from gpvo.recordings.mvsec import MvsecRecording
+from gpvo.recordings.files.mvsec import MvsecRecording
 from gpvo.tum import read_tum
 
 FILES = {

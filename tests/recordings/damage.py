@@ -21,11 +21,11 @@ from encoders import (
 from reading import read_recording
 from rosbags.rosbag2 import StoragePlugin
 
-from gpvo.convert import convert
 from gpvo.errors import InputError
 from gpvo.recordings import open_recording
 from gpvo.recordings.stereo import StreamRecording
 from gpvo.recordings.streams import EventBlock
+from gpvo.recordings.writing.convert import convert
 
 COUNT = 800
 

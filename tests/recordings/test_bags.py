@@ -29,10 +29,10 @@ from rosbags.rosbag2 import StoragePlugin
 
 from gpvo.errors import InputError
 from gpvo.recordings import open_recording
-from gpvo.recordings.evt import WRAP_US
-from gpvo.recordings.rosbag1 import RosBag1
+from gpvo.recordings.bags.rosbag1 import RosBag1
+from gpvo.recordings.bags.topics import event_topics, topic_stream
+from gpvo.recordings.decoders.evt3 import WRAP_US
 from gpvo.recordings.streams import EventBlock
-from gpvo.recordings.topics import event_topics, topic_stream
 
 LEFT, RIGHT = event_block(700, 1), event_block(500, 2)
 WRAP_NS = WRAP_US * 1000

@@ -14,10 +14,10 @@ from encoders import column_file, event_block
 from recording_files import HEIGHT, WIDTH, camchain
 from scipy.spatial.transform import Rotation
 
-from gpvo.calibration import StereoRig
 from gpvo.errors import InputError
 from gpvo.recordings import open_recording, read_calibration
-from gpvo.recordings.writing import write_camchain as write_camchain_of_rig
+from gpvo.recordings.calibration.rig import StereoRig
+from gpvo.recordings.writing.writer import write_camchain as write_camchain_of_rig
 
 Write = Callable[[Any], Path]
 

@@ -15,12 +15,12 @@ from reading import assert_recording_holds
 from recording_files import HEIGHT, WIDTH
 from rosbags.highlevel import AnyReader
 
-from gpvo.convert import WRITERS, convert
 from gpvo.errors import InputError
 from gpvo.recordings import Recording, open_recording
 from gpvo.recordings.streams import EventBlock
-from gpvo.recordings.writing import microseconds
-from gpvo.recordings.writing_messages import cdr_event_array, ros1_event_array
+from gpvo.recordings.writing.bags import cdr_event_array, ros1_event_array
+from gpvo.recordings.writing.convert import WRITERS, convert
+from gpvo.recordings.writing.writer import microseconds
 
 OUTPUTS = {
     "mvsec": "a_data.hdf5",

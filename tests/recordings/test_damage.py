@@ -14,7 +14,7 @@ from reading import read_recording
 from recording_files import camchain
 
 from gpvo.recordings import open_recording
-from gpvo.recordings.aedat4 import MAGIC
+from gpvo.recordings.files.aedat4 import MAGIC
 from gpvo.recordings.streams import EventBlock
 
 FORMATS = (

@@ -13,11 +13,12 @@ from hypothesis.extra.numpy import arrays
 from reading import assert_recording_holds, assert_same_events, read_stream
 
 from gpvo.errors import InputError
-from gpvo.recordings import evt, evt2, open_recording
-from gpvo.recordings.raw import RawStream
+from gpvo.recordings import open_recording
+from gpvo.recordings.decoders import evt2, evt3
+from gpvo.recordings.files.prophesee_raw import RawStream
 from gpvo.recordings.streams import EventBlock
 
-WRAP_NS = evt.WRAP_US * 1000
+WRAP_NS = evt3.WRAP_US * 1000
 
 
 def plain_evt3(words: list[int]) -> list[tuple[int, int, int, int]]:
@@ -51,7 +52,7 @@ def plain_evt3(words: list[int]) -> list[tuple[int, int, int, int]]:
 
 
 def decoded(
-    decoder: evt.Evt3 | evt2.Evt2 | evt2.Evt21, words: np.ndarray, cuts: list[int]
+    decoder: evt3.Evt3 | evt2.Evt2 | evt2.Evt21, words: np.ndarray, cuts: list[int]
 ) -> list[tuple]:
     """Events of words that arrive in pieces."""
     parts = [block for piece in np.split(words, sorted(cuts)) for block in decoder.decode(piece)]
@@ -82,7 +83,7 @@ def test_evt3_is_the_plain_decoder(
     for place, high in zip(places[::-1], highs[::-1], strict=True):
         words.insert(int(place), 0x8000 | int(high))
     data = np.array(words, "<u2")
-    ours = decoded(evt.Evt3(), data, [cut for cut in cuts if cut < len(words)])
+    ours = decoded(evt3.Evt3(), data, [cut for cut in cuts if cut < len(words)])
     assert ours == plain_evt3(words)
 
 
@@ -100,7 +101,7 @@ def test_evt3_gives_back_what_was_encoded(vectors: bool) -> None:
         block = in_rows(block)
     words = evt3_words(block, vectors)
     assert vectors == bool((words >> 12 == 4).any())
-    assert_same_events(EventBlock.concatenate(list(evt.Evt3().decode(words))), block)
+    assert_same_events(EventBlock.concatenate(list(evt3.Evt3().decode(words))), block)
 
 
 def test_one_damaged_time_does_not_shift_all_that_follow() -> None:
@@ -109,7 +110,7 @@ def test_one_damaged_time_does_not_shift_all_that_follow() -> None:
     highs = np.flatnonzero(words >> 12 == 8)
     for place in highs[[20, 50, 80]]:
         words[place] ^= 0x0A00
-    ours = EventBlock.concatenate(list(evt.Evt3().decode(words)))
+    ours = EventBlock.concatenate(list(evt3.Evt3().decode(words)))
     wrong = ours.t_ns != block.t_ns
     np.testing.assert_array_equal(ours.x, block.x)
     assert 0 < wrong.sum() < 0.1 * len(block)
@@ -120,7 +121,7 @@ def test_one_damaged_time_does_not_shift_all_that_follow() -> None:
 def test_skipping_finds_the_last_time(cut: int) -> None:
     block = event_block(2000, 8, start_ns=WRAP_NS - 200_000_000)
     words = evt3_words(block, vectors=True)
-    decoder = evt.Evt3()
+    decoder = evt3.Evt3()
     assert len(decoder.last_event()) == 0
     for part in (words[:cut], words[cut:]):
         decoder.skip(part)
@@ -181,8 +182,8 @@ def test_another_version_is_refused(tmp_path: Path, calibration: Path) -> None:
 
 def test_decoding_stops_where_its_buffers_are_full(monkeypatch: pytest.MonkeyPatch) -> None:
     block = event_block(500, 3, start_ns=0)
-    monkeypatch.setattr(evt, "CAPACITY", 7)
-    parts = list(evt.Evt3().decode(evt3_words(block)))
+    monkeypatch.setattr(evt3, "CAPACITY", 7)
+    parts = list(evt3.Evt3().decode(evt3_words(block)))
     assert len(parts) > 50
     assert_same_events(EventBlock.concatenate(parts), block)
 

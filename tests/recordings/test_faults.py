@@ -90,7 +90,7 @@ def test_unusable_events(
 def test_times_that_go_backwards(
     tmp_path: Path, calibration: Path, block: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gpvo.recordings.mvsec.BLOCK_ROWS", block)
+    monkeypatch.setattr("gpvo.recordings.files.mvsec.BLOCK_ROWS", block)
     early = GOOD[89, 2] - 0.001
     message = fault(write_mvsec(tmp_path / "a.hdf5", GOOD, changed(90, 2, early)), calibration)
     assert "davis/right/events row 90:" in message
@@ -102,7 +102,7 @@ def test_last_time_before_others(
     tmp_path: Path, calibration: Path, block: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing is lost silently where the stream would seem to end early."""
-    monkeypatch.setattr("gpvo.recordings.mvsec.BLOCK_ROWS", block)
+    monkeypatch.setattr("gpvo.recordings.files.mvsec.BLOCK_ROWS", block)
     rows = changed(299, 2, GOOD[100, 2])
     message = fault(write_mvsec(tmp_path / "a.hdf5", rows, rows), calibration)
     assert "davis/left/events row 299:" in message

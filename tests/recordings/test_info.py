@@ -17,8 +17,8 @@ from gpvo.cli import app
 from gpvo.errors import InputError
 from gpvo.info import open_for_info, summarise
 from gpvo.recordings import open_recording
+from gpvo.recordings.checks.clock_offset import clock_offset
 from gpvo.recordings.streams import EventBlock
-from gpvo.recordings.synchrony import clock_offset
 
 LEFT, RIGHT = event_block(900, 1, seconds=0.3), event_block(800, 2, seconds=0.3)
 

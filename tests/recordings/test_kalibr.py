@@ -11,9 +11,9 @@ import pytest
 import yaml
 from recording_files import camchain
 
-from gpvo.calibration import Camera, StereoRig
 from gpvo.errors import InputError
 from gpvo.recordings import open_recording, read_kalibr
+from gpvo.recordings.calibration.rig import Camera, StereoRig
 
 Write = Callable[[Any], Path]
 

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from recording_files import camchain, event_rows, write_mvsec
 
 from gpvo.errors import InputError
-from gpvo.recordings import Events, Recording, mvsec, open_recording
-from gpvo.recordings.mvsec import MvsecRecording
+from gpvo.recordings import Events, Recording, open_recording
+from gpvo.recordings.files import mvsec
+from gpvo.recordings.files.mvsec import MvsecRecording
 from gpvo.recordings.slabs import stereo_slabs
 
 COLUMNS = ("x", "y", "t", "polarity")

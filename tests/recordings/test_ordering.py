@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reading import assert_same_events
 
-from gpvo.recordings import ordering
-from gpvo.recordings.ordering import DROPPED, SORTED, in_order, longest_nondecreasing
+from gpvo.recordings.checks import time_order
+from gpvo.recordings.checks.time_order import DROPPED, SORTED, in_order, longest_nondecreasing
 from gpvo.recordings.streams import EventBlock, Faults
 
 
@@ -25,7 +25,7 @@ def pieces(block: EventBlock, size: int) -> Iterator[EventBlock]:
 def ordered(block: EventBlock, size: int = 500) -> tuple[EventBlock, Faults]:
     faults = Faults()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ordering, "HELD_BACK", 50)
+        patch.setattr(time_order, "HELD_BACK", 50)
         return EventBlock.concatenate(list(in_order(pieces(block, size), faults))), faults
 
 

@@ -13,7 +13,7 @@ from reading import assert_recording_holds
 
 from gpvo.errors import InputError
 from gpvo.recordings import Events, open_recording
-from gpvo.recordings.prophesee_hdf5 import ECF
+from gpvo.recordings.files.prophesee_hdf5 import ECF
 from gpvo.recordings.streams import EventBlock
 
 LEFT, RIGHT = event_block(900, 1), event_block(800, 2)

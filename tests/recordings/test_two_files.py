@@ -19,11 +19,12 @@ from reading import assert_recording_holds, assert_same_events, read_stream
 from recording_files import HEIGHT, WIDTH
 
 from gpvo.errors import InputError
-from gpvo.recordings import columns, open_recording, read_calibration
-from gpvo.recordings.aedat4 import MAGIC, Aedat4, Aedat4Stream
-from gpvo.recordings.columns import DSEC, ColumnStream
+from gpvo.recordings import open_recording, read_calibration
+from gpvo.recordings.files import hdf5_columns
+from gpvo.recordings.files.aedat4 import MAGIC, Aedat4, Aedat4Stream
+from gpvo.recordings.files.hdf5_columns import DSEC, ColumnStream
 from gpvo.recordings.streams import EventBlock, Faults
-from gpvo.recordings.writing_aedat4 import HEADER, STREAM, event_packet, io_header
+from gpvo.recordings.writing.aedat4 import HEADER, STREAM, event_packet, io_header
 
 LEFT, RIGHT = event_block(900, 1), event_block(800, 2)
 
@@ -148,7 +149,7 @@ def test_starting_within(
     tmp_path: Path, index: str, seconds: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The index only makes it faster; one that does not hold is not believed."""
-    monkeypatch.setattr(columns, "BLOCK_ROWS", 100)
+    monkeypatch.setattr(hdf5_columns, "BLOCK_ROWS", 100)
     indices = {
         "none": None,
         "zeros": np.zeros(500, np.uint64),

@@ -6,9 +6,9 @@ import h5py
 import numpy as np
 import pytest
 
-from gpvo.calibration import StereoRig
 from gpvo.recordings.base import Events
-from gpvo.recordings.mvsec import MvsecRecording
+from gpvo.recordings.calibration.rig import StereoRig
+from gpvo.recordings.files.mvsec import MvsecRecording
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
 from gpvo.simulation.scene import pixel_grid, pixel_rays
 

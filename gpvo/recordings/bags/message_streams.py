@@ -1,0 +1,184 @@
+"""The events of one topic of a log: EventArray or EventPacket messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from gpvo.errors import InputError
+from gpvo.recordings.bags.event_messages import (
+    CDR_EVENT,
+    ROS1_EVENT,
+    DamagedMessageError,
+    EventPacket,
+    event_array,
+    event_block,
+    event_packet,
+)
+from gpvo.recordings.bags.message_log import MessageLog
+from gpvo.recordings.decoders import libcaer
+from gpvo.recordings.decoders.evt3 import WRAP_US, Evt3
+from gpvo.recordings.streams import EventBlock, EventStream, Faults
+
+BLOCK_EVENTS = 1 << 17
+"""Messages are joined to blocks of about so many events."""
+
+LAST_EVENTS = 1000
+"""How many events of the end are read to find when a recording ends."""
+
+LAST_BYTES = 1 << 17
+"""The same for packets; EVT3 repeats the time in far less."""
+
+DAMAGED_MESSAGE = "damaged messages were skipped"
+UNKNOWN_ENCODING = "event packets in an unknown encoding were skipped"
+
+
+class ArrayStream(EventStream):
+    """A topic of EventArray messages."""
+
+    def __init__(self, log: MessageLog, name: str) -> None:
+        self.where = f"{log.path}: {name}"
+        self._log, self._topic = log, log.topics[name]
+        self._dtype = ROS1_EVENT if self._topic.encoding == "ros1" else CDR_EVENT
+        self.resolution = self._sensor()
+
+    def _sensor(self) -> tuple[int, int] | None:
+        for message in self._log.messages(self._topic.name, Faults()):
+            try:
+                width, height, _ = event_array(message, self._topic.encoding)
+            except DamagedMessageError:
+                continue
+            return (width, height) if width and height else None
+        return None
+
+    def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
+        parts: list[bytes | memoryview] = []
+        waiting = 0
+        for message in self._log.messages(self._topic.name, faults):
+            try:
+                records = event_array(message, self._topic.encoding).records
+            except DamagedMessageError:
+                faults[DAMAGED_MESSAGE] += 1
+                continue
+            parts.append(records)
+            waiting += len(records)
+            if waiting >= BLOCK_EVENTS * self._dtype.itemsize:
+                yield event_block(b"".join(parts), self._dtype)
+                parts, waiting = [], 0
+        if waiting:
+            yield event_block(b"".join(parts), self._dtype)
+
+    def ends(self) -> Iterator[EventBlock]:
+        """Events of the last messages, enough to tell credible stamps from damaged ones."""
+        parts: list[bytes | memoryview] = []
+        for message in self._log.messages(self._topic.name, Faults(), backwards=True):
+            try:
+                parts.append(event_array(message, self._topic.encoding).records)
+            except DamagedMessageError:
+                continue
+            if sum(map(len, parts)) >= LAST_EVENTS * self._dtype.itemsize:
+                break
+        if any(map(len, parts)):
+            yield event_block(b"".join(reversed(parts)), self._dtype)
+
+
+class PacketStream(EventStream):
+    """A topic of EventPacket messages: evt3, libcaer, libcaer_cmp or mono."""
+
+    def __init__(self, log: MessageLog, name: str) -> None:
+        self.where = f"{log.path}: {name}"
+        self._log, self._topic = log, log.topics[name]
+        first = next(self._packets(Faults()), None)
+        if first is None:
+            raise InputError(f"{self.where}: holds no events; both cameras are needed")
+        self.resolution = (first.width, first.height) if first.width and first.height else None
+        self.wrap_ns = WRAP_US * 1000 if first.encoding == "evt3" else 0
+
+    def arrival_offset_ns(self) -> int | None:
+        """Stamp of the first message with events less the sensor's time of its first event."""
+        if not self.wrap_ns:
+            return None
+        decoder = Evt3()
+        for packet in self._packets(Faults()):
+            for block in _decode(packet, decoder):
+                return packet.stamp_ns - int(block.t_ns[0])
+        return None
+
+    def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
+        parts: list[EventBlock] = []
+        waiting = 0
+        for block in self._decoded(self._packets(faults), None, faults):
+            parts.append(block)
+            waiting += len(block)
+            if waiting >= BLOCK_EVENTS:
+                yield EventBlock.concatenate(parts)
+                parts, waiting = [], 0
+        if parts:
+            yield EventBlock.concatenate(parts)
+
+    def ends(self) -> Iterator[EventBlock]:
+        """Events of the last packets; those of EVT3 before their first time are left out."""
+        packets: list[EventPacket] = []
+        size = 0
+        for packet in self._packets(Faults(), backwards=True):
+            packets.append(packet)
+            size += len(packet.data)
+            if size >= LAST_BYTES:
+                break
+        offset_ns = self.arrival_offset_ns()
+        last = list(self._decoded(reversed(packets), offset_ns, Faults()))
+        if last:
+            yield EventBlock.concatenate(last)
+
+    def _decoded(
+        self, packets: Iterable[EventPacket], offset_ns: int | None, faults: Faults
+    ) -> Iterator[EventBlock]:
+        """Events of each packet; `offset_ns` is the arrival less the sensor's time at the start."""
+        sensor, packed = Evt3(), libcaer.LibcaerPacked()
+        for packet in packets:
+            decoder = sensor if packet.encoding == "evt3" else packed
+            try:
+                blocks = list(_decode(packet, decoder))
+            except DamagedMessageError:
+                faults[UNKNOWN_ENCODING] += 1
+                continue
+            for block in blocks:
+                if packet.encoding == "evt3":
+                    arrival_ns = packet.stamp_ns - int(block.t_ns[0])
+                    offset_ns = arrival_ns if offset_ns is None else offset_ns
+                    block = self._unwrapped(block, arrival_ns - offset_ns)
+                yield block
+
+    def _unwrapped(self, block: EventBlock, late_ns: int) -> EventBlock:
+        """Undo wraps of the sensor's clock that were lost with packets, by the time of arrival."""
+        wraps = round(late_ns / self.wrap_ns) if self.wrap_ns else 0
+        if wraps == 0:
+            return block
+        return EventBlock(block.x, block.y, block.t_ns + wraps * self.wrap_ns, block.polarity)
+
+    def _packets(self, faults: Faults, backwards: bool = False) -> Iterator[EventPacket]:
+        for message in self._log.messages(self._topic.name, faults, backwards):
+            try:
+                packet = event_packet(message, self._topic.encoding)
+            except DamagedMessageError:
+                faults[DAMAGED_MESSAGE] += 1
+                continue
+            yield packet
+
+
+def _decode(packet: EventPacket, decoder: Evt3 | libcaer.LibcaerPacked) -> Iterator[EventBlock]:
+    """Events of a packet; DamagedMessageError if its encoding is unknown."""
+    data = np.frombuffer(packet.data, np.uint8)
+    # A packet cut short ends with the last whole word.
+    if packet.encoding == "evt3" and isinstance(decoder, Evt3):
+        yield from decoder.decode(data[: len(data) // 2 * 2].view("<u2"))
+    elif packet.encoding == "libcaer_cmp" and isinstance(decoder, libcaer.LibcaerPacked):
+        yield from decoder.decode(data[: len(data) // 2 * 2].view("<u2"), packet.time_base_ns)
+    elif packet.encoding in ("libcaer", "mono"):
+        decode = libcaer.records if packet.encoding == "libcaer" else libcaer.mono
+        block = decode(data[: len(data) // 8 * 8], packet.time_base_ns)
+        if len(block):
+            yield block
+    else:
+        raise DamagedMessageError

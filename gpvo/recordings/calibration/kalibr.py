@@ -1,0 +1,43 @@
+"""Stereo calibration from a kalibr camchain, with or without MVSEC's rectification."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gpvo.recordings.calibration.fields import Fields, load_fields
+from gpvo.recordings.calibration.rectification import projected_rig, rectified_rig
+from gpvo.recordings.calibration.rig import Camera, StereoRig
+
+RECTIFICATION = ("rectification_matrix", "projection_matrix")
+
+
+def read_kalibr(path: Path | str) -> StereoRig:
+    """Read the stereo rig of cam0 (left) and cam1 (right).
+
+    The rectification is that of the file (rectification_matrix and projection_matrix, as MVSEC
+    adds them); a camchain without gets OpenCV's, from cam1's T_cn_cnm1 (left to right).
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a field is missing or has no sensible value.
+    """
+    return kalibr_rig(load_fields(Path(path)))
+
+
+def kalibr_rig(camchain: Fields) -> StereoRig:
+    """The rig of a camchain's fields."""
+    left, right = camchain.mapping("cam0"), camchain.mapping("cam1")
+    cameras = _camera(left), _camera(right)
+    if any(name in camera.values for camera in (left, right) for name in RECTIFICATION):
+        R_rect = left.rotation("rectification_matrix"), right.rotation("rectification_matrix")
+        P = left.array("projection_matrix", (3, 4)), right.array("projection_matrix", (3, 4))
+        return projected_rig(*cameras, R_rect, P, right, "projection_matrix")
+    return rectified_rig(*cameras, right.array("T_cn_cnm1", (4, 4)), right, "T_cn_cnm1")
+
+
+def _camera(fields: Fields) -> Camera:
+    """One camera, not rectified yet."""
+    if fields.get("camera_model") != "pinhole":
+        fields.fail("camera_model", f"is {fields.values['camera_model']!r}; only pinhole is known")
+    return fields.camera()

@@ -1,0 +1,1 @@
+"""Packed events of sensors and drivers: Prophesee's EVT, libcaer's packets."""

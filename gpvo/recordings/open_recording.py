@@ -1,0 +1,133 @@
+"""Find a recording's format from its content and open it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from gpvo.errors import InputError
+from gpvo.recordings import two_files
+from gpvo.recordings.bags.mcap import McapFile, is_mcap
+from gpvo.recordings.bags.rosbag1 import RosBag1, is_rosbag1
+from gpvo.recordings.bags.rosbag2 import is_rosbag2, open_rosbag2
+from gpvo.recordings.bags.topics import open_log
+from gpvo.recordings.base import Recording
+from gpvo.recordings.calibration.find import Calibration, rig_for
+from gpvo.recordings.calibration.rig import StereoRig
+from gpvo.recordings.checks.sensor_size import check_sensor_size
+from gpvo.recordings.files.aedat4 import is_aedat4, open_aedat4
+from gpvo.recordings.files.hdf5_columns import M3ED, ColumnStream
+from gpvo.recordings.files.mvsec import MvsecRecording, is_mvsec
+from gpvo.recordings.hdf5 import has_dataset
+from gpvo.recordings.stereo import StreamRecording
+
+
+class Format(NamedTuple):
+    """A kind of recording, how it is recognised and how it is opened.
+
+    `open` takes the path, the calibration, and the user's names of the left and right camera.
+    """
+
+    name: str
+    recognise: Callable[[Path], bool]
+    open: Callable[[Path, Calibration, str | None, str | None], Recording]
+
+
+def _open_mvsec(
+    path: Path, calibration: Calibration, left: str | None, right: str | None
+) -> Recording:
+    return MvsecRecording(path, calibration)
+
+
+def _open_m3ed(
+    path: Path, calibration: Calibration, left: str | None, right: str | None
+) -> Recording:
+    rig = rig_for(path, calibration or path, "M3ED")
+    left_events, right_events = ColumnStream(path, M3ED["left"]), ColumnStream(path, M3ED["right"])
+    return StreamRecording(path, "M3ED HDF5", rig, left_events, right_events)
+
+
+FORMATS = (
+    Format("MVSEC HDF5 (davis/left/events, davis/right/events)", is_mvsec, _open_mvsec),
+    Format("M3ED HDF5", lambda path: has_dataset(path, M3ED["left"].x), _open_m3ed),
+    Format("ROS 1 bag", is_rosbag1, lambda path, *how: open_log(RosBag1(path), *how)),
+    Format("MCAP", is_mcap, lambda path, *how: open_log(McapFile(path), *how)),
+    Format("ROS 2 bag", is_rosbag2, lambda path, *how: open_log(open_rosbag2(path), *how)),
+    Format("AEDAT4", is_aedat4, open_aedat4),
+    *(Format(kind.name, kind.recognise, kind.open) for kind in two_files.KINDS),
+)
+"""Tried in this order."""
+
+SUFFIXES = (".hdf5", ".h5", ".bag", ".mcap")
+"""Of recordings in one file."""
+
+
+def open_recording(
+    path: Path | str,
+    calibration: Calibration = None,
+    left_topic: str | None = None,
+    right_topic: str | None = None,
+) -> Recording:
+    """Open a stereo event recording of any format that gpvo reads.
+
+    Parameters
+    ----------
+    path
+        The recording, or a folder with one; its format is found from what it holds, not from its
+        name. Of two files, one for each camera, name either, or their folder.
+    calibration
+        File of the stereo calibration: see `read_calibration`; or a rig. Not needed if the
+        recording holds it, or if the only one lies beside it.
+    left_topic, right_topic
+        Topics (or files in a folder, streams in AEDAT4) of both cameras, where their names do not
+        tell which is which.
+
+    Raises
+    ------
+    InputError
+        If there is no such recording, or it or its calibration cannot be used.
+    """
+    path = Path(path)
+    _check_readable(path)
+    for candidate in FORMATS:
+        if candidate.recognise(path):
+            recording = candidate.open(path, calibration, left_topic, right_topic)
+            if not isinstance(calibration, StereoRig):
+                check_sensor_size(recording, calibration)
+            return recording
+    if path.is_dir() and (inside := _recordings_in(path)):
+        if len(inside) > 1:
+            raise InputError(
+                f"{path}: holds several recordings; name one: {' '.join(map(str, inside))}"
+            )
+        return open_recording(inside[0], calibration, left_topic, right_topic)
+    raise InputError(_unknown(path, FORMATS))
+
+
+def _recordings_in(folder: Path) -> list[Path]:
+    """Recordings in one file that lie in a folder, without ground truths."""
+    files = [
+        file
+        for file in sorted(folder.iterdir())
+        if file.suffix in SUFFIXES and file.is_file() and not file.stem.endswith("_gt")
+    ]
+    return [file for file in files if any(one.recognise(file) for one in FORMATS)]
+
+
+def _unknown(path: Path, formats: Sequence[Format]) -> str:
+    known = "; ".join(candidate.name for candidate in formats)
+    kind = "file" if path.is_file() else "folder: it is not a file, and none in it"
+    return f"{path}: is not a recording that gpvo reads ({kind}); it reads {known}"
+
+
+def _check_readable(path: Path) -> None:
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    try:
+        if path.is_dir():
+            next(path.iterdir(), None)
+        else:
+            path.open("rb").close()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be opened ({error.strerror})") from error

@@ -1,0 +1,106 @@
+"""Write MVSEC's and DSEC's HDF5."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import hdf5plugin
+import numpy as np
+from numpy.typing import NDArray
+
+from gpvo.recordings.streams import EventBlock
+from gpvo.recordings.writing.writer import SIDES, RecordingWriter, Size, microseconds
+
+CHUNK_ROWS = 1 << 16
+
+
+class MvsecWriter(RecordingWriter):
+    """davis/{left,right}/events, (N, 4) float64: x, y, seconds, polarity -1 or 1."""
+
+    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
+        self._file = h5py.File(path, "w")
+        self._tables = [
+            self._file.create_dataset(
+                f"davis/{side}/events",
+                shape=(0, 4),
+                maxshape=(None, 4),
+                dtype=np.float64,
+                chunks=(CHUNK_ROWS, 1),
+                **hdf5plugin.Blosc(cname="zstd"),
+            )
+            for side in SIDES
+        ]
+
+    def append(self, left: EventBlock, right: EventBlock) -> None:
+        for table, block in zip(self._tables, (left, right), strict=True):
+            polarity = np.where(block.polarity, 1.0, -1.0)
+            seconds = microseconds(block.t_ns) / 1e6
+            rows = len(table)
+            table.resize(rows + len(block), axis=0)
+            table[rows:] = np.column_stack([block.x, block.y, seconds, polarity])
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class DsecWriter(RecordingWriter):
+    """A folder with events/{left,right}/events.h5: columns, t_offset and ms_to_idx."""
+
+    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
+        offset_us = start_ns // 1000
+        self._files = [_DsecFile(path / "events" / side / "events.h5", offset_us) for side in SIDES]
+
+    def append(self, left: EventBlock, right: EventBlock) -> None:
+        for file, block in zip(self._files, (left, right), strict=True):
+            file.append(block)
+
+    def close(self) -> None:
+        for file in self._files:
+            file.close()
+
+
+class _DsecFile:
+    """One camera."""
+
+    def __init__(self, path: Path, offset_us: int) -> None:
+        path.parent.mkdir(parents=True)
+        self._file, self._offset_us = h5py.File(path, "w"), offset_us
+        self._file["t_offset"] = np.int64(offset_us)
+        # Longer than 71 minutes do not fit into DSEC's own uint32; int64 reads as well.
+        kinds = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
+        self._columns = {name: self._column(f"events/{name}", kinds[name]) for name in kinds}
+        self._index = self._column("ms_to_idx", np.uint64)
+
+    def append(self, block: EventBlock) -> None:
+        t = microseconds(block.t_ns) - self._offset_us
+        self._append_index(t, len(self._columns["t"]))
+        values = {"x": block.x, "y": block.y, "t": t, "p": block.polarity}
+        for name, column in self._columns.items():
+            _extend(column, values[name])
+
+    def _append_index(self, t: NDArray[np.int64], rows: int) -> None:
+        """First row of every millisecond up to the last event's."""
+        if len(t) == 0:
+            return
+        milliseconds = np.arange(len(self._index), t[-1] // 1000 + 1)
+        _extend(self._index, rows + np.searchsorted(t, 1000 * milliseconds, side="left"))
+
+    def _column(self, name: str, kind: type) -> h5py.Dataset:
+        return self._file.create_dataset(
+            name,
+            shape=(0,),
+            maxshape=(None,),
+            dtype=kind,
+            chunks=(CHUNK_ROWS,),
+            **hdf5plugin.Blosc(cname="zstd"),
+        )
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _extend(column: h5py.Dataset, values: NDArray) -> None:
+    rows = len(column)
+    column.resize(rows + len(values), axis=0)
+    column[rows:] = values

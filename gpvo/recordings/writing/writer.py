@@ -1,0 +1,92 @@
+"""Write recordings: what all formats have in common, and the calibration beside them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import yaml
+
+from gpvo.recordings.base import Events
+from gpvo.recordings.calibration.rig import Camera, StereoRig
+from gpvo.recordings.streams import EventBlock
+
+SIDES = ("left", "right")
+Size = tuple[int, int]
+
+
+class RecordingWriter(ABC):
+    """Takes a recording slab by slab.
+
+    Parameters
+    ----------
+    path
+        Must not exist yet.
+    sizes
+        (width, height) of the left and the right sensor; zeros if unknown.
+    start_ns
+        Absolute stamp of the first event of either camera.
+    """
+
+    @abstractmethod
+    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None: ...
+
+    @abstractmethod
+    def append(self, left: EventBlock, right: EventBlock) -> None:
+        """Events of the same interval, later than those before."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Finish the file."""
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def stamped(events: Events, start_ns: int) -> EventBlock:
+    """The same events with absolute stamps."""
+    t_ns = start_ns + np.rint(events.t * 1e9).astype(np.int64)
+    return EventBlock(events.x, events.y, t_ns, events.polarity)
+
+
+def microseconds(t_ns: np.ndarray) -> np.ndarray:
+    """Nearest microseconds, int64."""
+    return (t_ns + 500) // 1000
+
+
+def write_camchain(path: Path, rig: StereoRig) -> None:
+    """Write a rig as a kalibr camchain with MVSEC's rectification; read_kalibr gives it back."""
+    R_left, R_right = rig.left.R_rect, rig.right.R_rect
+    T_right_left = np.eye(4)
+    T_right_left[:3, :3] = R_right.T @ R_left
+    T_right_left[:3, 3] = R_right.T @ [-rig.baseline, 0.0, 0.0]
+    content = {
+        "cam0": _fields(rig, rig.left, 0.0),
+        "cam1": _fields(rig, rig.right, rig.baseline) | {"T_cn_cnm1": T_right_left.tolist()},
+    }
+    path.write_text(yaml.safe_dump(content, default_flow_style=None), encoding="utf-8")
+
+
+def _fields(rig: StereoRig, camera: Camera, x: float) -> dict[str, Any]:
+    """Fields of a camera that stands x metres right of the left one."""
+    projection = np.column_stack([rig.K_rect, [-rig.focal_length * x, 0.0, 0.0]])
+    return {
+        "camera_model": "pinhole",
+        "distortion_coeffs": camera.distortion.tolist(),
+        "distortion_model": camera.distortion_model,
+        "intrinsics": camera.intrinsics.tolist(),
+        "projection_matrix": projection.tolist(),
+        "rectification_matrix": camera.R_rect.tolist(),
+        "resolution": list(camera.resolution),
+    }
