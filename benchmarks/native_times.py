@@ -25,10 +25,10 @@ from rich.table import Table
 from benchmarks.known_motion import KnownRecording, known_recordings, parse_options
 from benchmarks.mc_ransac import frame_based_inliers
 from factors.stereo import StereoCamera
-from gpvo.clustering import EventImage, StereoCluster, cluster_events
 from gpvo.config.stages import Configuration, McRansacConfig
 from gpvo.estimators import make_estimator
 from gpvo.evaluation import Evaluation, evaluate
+from gpvo.events.clustering import EventImage, StereoCluster, cluster_events
 from gpvo.mc_ransac import Segments, VelocityFit, iterative_mc_ransac, mc_ransac
 from gpvo.observations import Observations
 from gpvo.poses import StampedPoses

@@ -21,10 +21,10 @@ from rich.table import Table
 
 from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
-from gpvo.clustering import cluster_events
 from gpvo.config.stages import Configuration, EstimatorConfig, NoiseConfig
 from gpvo.config.yaml_file import load_configuration
 from gpvo.estimators import make_estimator
+from gpvo.events.clustering import cluster_events
 from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.mc_ransac import VelocityFit

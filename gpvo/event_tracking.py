@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.clustering import EventImage, StereoCluster
 from gpvo.config.stages import TrackingConfig
 from gpvo.event_tracking_hypotheses import Patches, follow, judge, new_patches
 from gpvo.event_tracking_images import BORDER, align, blur_kernel, draw, normalized
 from gpvo.event_tracking_search import EventRows, event_rows, latest_around
 from gpvo.event_tracking_stereo import match_right, mean_time
+from gpvo.events.clustering import EventImage, StereoCluster
 from gpvo.features import extrema, smooth, strongest_spaced
 from gpvo.observations import Observations
 

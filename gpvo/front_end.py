@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
-from gpvo.clustering import StereoCluster
 from gpvo.config.stages import Configuration
+from gpvo.events.clustering import StereoCluster
 from gpvo.mc_ransac import VelocityFit, mc_ransac
 from gpvo.observations import Observations
 from gpvo.recordings.calibration.rig import StereoRig

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
-from gpvo.clustering import StereoCluster, cluster_events
 from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
+from gpvo.events.clustering import StereoCluster, cluster_events
 from gpvo.front_end import FrontEnd
 from gpvo.inspection_truth import Truth
 from gpvo.mc_ransac import Segments, fast_mc_ransac

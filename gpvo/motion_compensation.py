@@ -15,8 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.clustering import RectifiedEvents, StereoCluster
 from gpvo.config.stages import CompensationConfig
+from gpvo.events.clustering import RectifiedEvents, StereoCluster
 from gpvo.observations import Observations
 
 Array = NDArray[np.float64]

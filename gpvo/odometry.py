@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from gpvo.clustering import StereoCluster, cluster_events
 from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
 from gpvo.estimators import make_estimator
+from gpvo.events.clustering import StereoCluster, cluster_events
 from gpvo.front_end import FrontEnd
 from gpvo.recordings.base import Recording
 from gpvo.recordings.calibration.rig import StereoRig

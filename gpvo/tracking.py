@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.clustering import StereoCluster
 from gpvo.config.stages import TrackingConfig
 from gpvo.event_tracking import EventTracker
+from gpvo.events.clustering import StereoCluster
 from gpvo.features import half_resolution
 from gpvo.klt_tracking import KltTracker
 from gpvo.motion_compensation import MotionCompensation

@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.clustering import StereoCluster
 from gpvo.config.stages import TrackletConfig
+from gpvo.events.clustering import StereoCluster
 from gpvo.mc_ransac import Segments
 from gpvo.observations import Observations
 

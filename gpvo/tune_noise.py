@@ -15,9 +15,9 @@ from scipy.stats import chi2
 
 from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
-from gpvo.clustering import cluster_events
 from gpvo.config.stages import Configuration, NoiseConfig
 from gpvo.errors import InputError
+from gpvo.events.clustering import cluster_events
 from gpvo.landmarks import Landmarks
 from gpvo.marginal_prior import MarginalPrior
 from gpvo.mc_ransac import VelocityFit

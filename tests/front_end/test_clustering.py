@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gpvo.clustering import StereoCluster, cluster_events, event_image
 from gpvo.config.stages import ClusteringConfig
+from gpvo.events.clustering import StereoCluster, cluster_events, event_image
 from gpvo.recordings.base import Events, StereoEvents
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 

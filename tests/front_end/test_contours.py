@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gpvo.clustering import StereoCluster, cluster_events
 from gpvo.config.stages import ClusteringConfig
-from gpvo.contours import BLOCK, events_until_thick
+from gpvo.events.clustering import StereoCluster, cluster_events
+from gpvo.events.contours import BLOCK, events_until_thick
 from gpvo.recordings.base import Events, StereoEvents
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gpvo.clustering import EventImage
 from gpvo.config.stages import ClusteringConfig
-from gpvo.event_filter import LEAST_HOT, EventFilter
+from gpvo.events.clustering import EventImage
+from gpvo.events.noise_filter import LEAST_HOT, EventFilter
 from gpvo.recordings.base import Events
 
 WIDTH, HEIGHT = 12, 9

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from gpvo import Odometry
-from gpvo.clustering import EventImage, RectifiedEvents, StereoCluster
 from gpvo.config.stages import Configuration, EventTrackerConfig, TrackingConfig
 from gpvo.event_tracking import EventTracker
 from gpvo.event_tracking_hypotheses import (
@@ -37,6 +36,7 @@ from gpvo.event_tracking_hypotheses import (
 from gpvo.event_tracking_images import align, blur_kernel, correlation, draw, normalized
 from gpvo.event_tracking_search import event_rows, events_around, latest_around
 from gpvo.event_tracking_stereo import best_shift
+from gpvo.events.clustering import EventImage, RectifiedEvents, StereoCluster
 from gpvo.observations import Observations
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 from gpvo.tracking import make_tracker

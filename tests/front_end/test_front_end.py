@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gpvo import Odometry
-from gpvo.clustering import StereoCluster
 from gpvo.config.stages import Configuration, TrackingConfig
+from gpvo.events.clustering import StereoCluster
 from gpvo.inspection import inspect
 from gpvo.inspection_truth import truth_of_simulation
 from gpvo.observations import Observations

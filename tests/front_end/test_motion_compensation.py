@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gpvo.clustering import EventImage, RectifiedEvents, StereoCluster
 from gpvo.config.stages import CompensationConfig
+from gpvo.events.clustering import EventImage, RectifiedEvents, StereoCluster
 from gpvo.motion_compensation import CompensatedImage, Flow, MotionCompensation, flow_between
 from gpvo.observations import Observations
 

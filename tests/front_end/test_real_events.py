@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from gpvo import Odometry, open_recording
-from gpvo.clustering import StereoCluster, event_image
 from gpvo.config.stages import TrackingConfig
+from gpvo.events.clustering import StereoCluster, event_image
 from gpvo.recordings.base import Events
 from gpvo.tracking import MultiResolutionTracker
 

@@ -19,8 +19,8 @@ from front_end_scenes import (
 )
 from numpy.typing import NDArray
 
-from gpvo.clustering import RectifiedEvents, StereoCluster
 from gpvo.config.stages import TrackingConfig
+from gpvo.events.clustering import RectifiedEvents, StereoCluster
 from gpvo.observations import Observations
 from gpvo.tracking import make_tracker, to_full_resolution
 from gpvo.viso2_tracking import NO_LANDMARK, Viso2Tracker

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gpvo.clustering import EventImage, StereoCluster
 from gpvo.config.stages import TrackletConfig
+from gpvo.events.clustering import EventImage, StereoCluster
 from gpvo.observations import Observations
 from gpvo.tracklets import Measurements, Tracklets, feature_times
 

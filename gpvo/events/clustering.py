@@ -14,8 +14,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gpvo.config.stages import ClusteringConfig
-from gpvo.contours import events_until_thick
-from gpvo.event_filter import EventFilter
+from gpvo.events.contours import events_until_thick
+from gpvo.events.noise_filter import EventFilter
 from gpvo.recordings.base import Events, StereoEvents
 from gpvo.recordings.calibration.rig import StereoRig
 
