@@ -30,13 +30,13 @@ from gpvo.estimators import make_estimator
 from gpvo.evaluation import Evaluation, evaluate
 from gpvo.events.clustering import EventImage, StereoCluster, cluster_events
 from gpvo.mc_ransac import Segments, VelocityFit, iterative_mc_ransac, mc_ransac
-from gpvo.observations import Observations
 from gpvo.poses import StampedPoses
 from gpvo.recordings import Recording
 from gpvo.results import STEP, evaluate_trajectory
 from gpvo.simulation.recording import SimulationConfig
-from gpvo.tracking import make_tracker
-from gpvo.tracklets import Tracklets
+from gpvo.tracking.observations import Observations
+from gpvo.tracking.tracker import make_tracker
+from gpvo.tracking.tracklets import Tracklets
 from gpvo.trajectory import Trajectory
 
 SIMULATIONS = {

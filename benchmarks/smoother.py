@@ -34,7 +34,7 @@ from gpvo.recordings.base import Recording
 from gpvo.repairs import Repair
 from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.states import States
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 
 Array = NDArray[np.float64]

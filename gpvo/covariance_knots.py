@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gpvo.factor_graph import FactorMaker, seen_twice, state_times
 from gpvo.states import States
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 from gpvo.window import Window
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from gpvo.factor_graph import SAME_TIME, FactorMaker, seen_twice
 from gpvo.increment import Increment, NumberedStates
 from gpvo.lag import Lag
 from gpvo.states import States
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 
 GOLDEN = 0.6180339887498949
 """Multiples of it are spread evenly, however many: landmarks that come together leave apart."""

@@ -13,7 +13,7 @@ from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair
 from gpvo.sliding_window import SlidingWindow
 from gpvo.states import States
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 
 

@@ -23,7 +23,7 @@ from factors import (
 )
 from gpvo.config.stages import NoiseConfig
 from gpvo.robust import RobustLoss
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 
 Array = NDArray[np.float64]
 SAME_TIME = 5e-7

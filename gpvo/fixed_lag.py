@@ -25,7 +25,7 @@ from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
 from gpvo.robust import RobustLoss
 from gpvo.states import States, later_states
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 from gpvo.window import (
     are_covariances,

@@ -14,10 +14,10 @@ from factors import StereoCamera
 from gpvo.config.stages import Configuration
 from gpvo.events.clustering import StereoCluster
 from gpvo.mc_ransac import VelocityFit, mc_ransac
-from gpvo.observations import Observations
 from gpvo.recordings.calibration.rig import StereoRig
-from gpvo.tracking import Tracker, make_tracker
-from gpvo.tracklets import Measurements, Tracklets, segments_between
+from gpvo.tracking.observations import Observations
+from gpvo.tracking.tracker import Tracker, make_tracker
+from gpvo.tracking.tracklets import Measurements, Tracklets, segments_between
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from gpvo.mc_ransac import VelocityFit
 from gpvo.repairs import Repair, repairs_of, split_possible
 from gpvo.states import States, later_states
 from gpvo.threads import one_blas_thread
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 from gpvo.unique_times import Deviations
 from gpvo.window_optimizer import Optimum

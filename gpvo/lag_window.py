@@ -20,7 +20,7 @@ from gpvo.marginal_prior import MarginalPrior
 from gpvo.repairs import Repair, repairs_of
 from gpvo.robust import RobustLoss
 from gpvo.states import States
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 from gpvo.unique_times import Deviations
 from gpvo.window_cost import Columns, Variables, WindowCost
 from gpvo.window_optimizer import Optimum, minimize

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gpvo.factor_graph import FactorMaker, landmark_points, seen_twice
 from gpvo.increment import Increment, NumberedStates
 from gpvo.states import States
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 
 Array = NDArray[np.float64]
 

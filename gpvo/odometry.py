@@ -17,7 +17,7 @@ from gpvo.front_end import FrontEnd
 from gpvo.recordings.base import Recording
 from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.threads import one_blas_thread, prefetched
-from gpvo.tracking import Tracker
+from gpvo.tracking.tracker import Tracker
 from gpvo.trajectory import Trajectory
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 
 
 @dataclass(frozen=True)

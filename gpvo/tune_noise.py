@@ -27,7 +27,7 @@ from gpvo.recordings.base import Recording
 from gpvo.repairs import Repair
 from gpvo.robust import RobustLoss
 from gpvo.states import States
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 from gpvo.window_cost import Variables, WindowCost
 
 Array = NDArray[np.float64]

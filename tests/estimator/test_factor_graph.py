@@ -22,7 +22,7 @@ from gpvo.factor_graph import (
 from gpvo.initialization import fused_velocity
 from gpvo.mc_ransac import VelocityFit
 from gpvo.states import States
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 from gpvo.window import Window, gauss_newton
 
 MAKE = FactorMaker(CAMERA, NoiseConfig())

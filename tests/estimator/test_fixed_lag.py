@@ -22,7 +22,7 @@ from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.increment import Increment
 from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.states import States
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 from gpvo.window import Window
 

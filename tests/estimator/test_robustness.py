@@ -12,7 +12,7 @@ from test_estimators import METHODS, NOTHING, PERIOD
 
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.mc_ransac import VelocityFit
-from gpvo.tracklets import Measurements
+from gpvo.tracking.tracklets import Measurements
 from gpvo.trajectory import Trajectory
 
 Cluster = tuple[float, Measurements]

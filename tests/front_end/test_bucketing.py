@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gpvo.bucketing import best_per_cell
+from gpvo.tracking.viso2.bucketing import best_per_cell
 
 
 @given(st.integers(0, 2**32), st.integers(0, 60), st.integers(0, 20), st.integers(1, 4))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gpvo.delaunay_support import are_supported
+from gpvo.tracking.viso2.delaunay_support import are_supported
 
 
 @given(st.integers(0, 2**32), st.sampled_from(["flow", "disparity"]))

@@ -23,8 +23,10 @@ from scipy.ndimage import map_coordinates
 
 from gpvo import Odometry
 from gpvo.config.stages import Configuration, EventTrackerConfig, TrackingConfig
-from gpvo.event_tracking import EventTracker
-from gpvo.event_tracking_hypotheses import (
+from gpvo.events.clustering import EventImage, RectifiedEvents, StereoCluster
+from gpvo.recordings.calibration.rig import Camera, StereoRig
+from gpvo.tracking.haste.event_rows import event_rows, events_around, latest_around
+from gpvo.tracking.haste.hypotheses import (
     HYPOTHESES,
     STAY,
     Patches,
@@ -33,13 +35,11 @@ from gpvo.event_tracking_hypotheses import (
     move,
     new_patches,
 )
-from gpvo.event_tracking_images import align, blur_kernel, correlation, draw, normalized
-from gpvo.event_tracking_search import event_rows, events_around, latest_around
-from gpvo.event_tracking_stereo import best_shift
-from gpvo.events.clustering import EventImage, RectifiedEvents, StereoCluster
-from gpvo.observations import Observations
-from gpvo.recordings.calibration.rig import Camera, StereoRig
-from gpvo.tracking import make_tracker
+from gpvo.tracking.haste.stereo_matching import best_shift
+from gpvo.tracking.haste.templates import align, blur_kernel, correlation, draw, normalized
+from gpvo.tracking.haste.tracker import EventTracker
+from gpvo.tracking.observations import Observations
+from gpvo.tracking.tracker import make_tracker
 
 Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32)

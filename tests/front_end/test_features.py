@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from gpvo.config.stages import FeatureConfig
-from gpvo.features import (
+from gpvo.tracking.features import (
     BLOB_MASK,
     CORNER_MASK,
     DESCRIPTOR_OFFSETS,

@@ -10,9 +10,9 @@ from gpvo.config.stages import Configuration, TrackingConfig
 from gpvo.events.clustering import StereoCluster
 from gpvo.inspection import inspect
 from gpvo.inspection_truth import truth_of_simulation
-from gpvo.observations import Observations
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
-from gpvo.tracking import make_tracker
+from gpvo.tracking.observations import Observations
+from gpvo.tracking.tracker import make_tracker
 
 FEW = Configuration.model_validate({"tracking": {"klt": {"max_features": 40}}})
 

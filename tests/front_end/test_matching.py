@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gpvo.config.stages import FeatureConfig, Viso2Config
-from gpvo.features import Features, detect
-from gpvo.matching import (
+from gpvo.tracking.features import Features, detect
+from gpvo.tracking.viso2.quad_matching import (
     NO_MATCH,
     StereoFeatures,
     index_features,
     match_quads,
     quad_points,
 )
-from gpvo.search_ranges import SearchRanges, everywhere, near_matches
+from gpvo.tracking.viso2.search_ranges import SearchRanges, everywhere, near_matches
 
 CONFIG = Viso2Config(flow_radius=25, max_disparity=40)
 FEATURES = FeatureConfig(response_threshold=600)

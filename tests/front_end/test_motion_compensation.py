@@ -9,8 +9,13 @@ from hypothesis import strategies as st
 
 from gpvo.config.stages import CompensationConfig
 from gpvo.events.clustering import EventImage, RectifiedEvents, StereoCluster
-from gpvo.motion_compensation import CompensatedImage, Flow, MotionCompensation, flow_between
-from gpvo.observations import Observations
+from gpvo.tracking.motion_compensation import (
+    CompensatedImage,
+    Flow,
+    MotionCompensation,
+    flow_between,
+)
+from gpvo.tracking.observations import Observations
 
 SHAPE = (60, 80)
 START, STOP = 0.40, 0.46

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from gpvo.config.stages import KltConfig, TrackingConfig
-from gpvo.features import smooth
-from gpvo.klt_tracking import KltTracker
-from gpvo.observations import Observations
-from gpvo.patch_checks import patch_correlation, row_gradient
+from gpvo.tracking.features import smooth
+from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
+from gpvo.tracking.klt.tracker import KltTracker
+from gpvo.tracking.observations import Observations
 
 RADIUS = 4
 FIRST, SECOND = (random_grey(seed, 60) for seed in (1, 2))

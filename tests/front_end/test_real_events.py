@@ -18,7 +18,7 @@ from gpvo import Odometry, open_recording
 from gpvo.config.stages import TrackingConfig
 from gpvo.events.clustering import StereoCluster, event_image
 from gpvo.recordings.base import Events
-from gpvo.tracking import MultiResolutionTracker
+from gpvo.tracking.tracker import MultiResolutionTracker
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 SLICE = SHARED / "real" / "mvsec_indoor_flying1_slice" / "semi_synthetic_data.hdf5"

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 
-from gpvo.features import extrema, gradients
-from gpvo.refinement import PATCH, REACH, _parabola_minimum, patches, refine
+from gpvo.tracking.features import extrema, gradients
+from gpvo.tracking.viso2.subpixel_refinement import PATCH, REACH, _parabola_minimum, patches, refine
 
 NOISE = gaussian_filter(np.random.default_rng(1).normal(size=(300, 360)), 2.0)
 

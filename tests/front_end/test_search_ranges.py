@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gpvo.config.stages import Viso2Config
-from gpvo.search_ranges import STEPS, STEREO_STEPS, SearchRanges, everywhere, near_matches
+from gpvo.tracking.viso2.search_ranges import (
+    STEPS,
+    STEREO_STEPS,
+    SearchRanges,
+    everywhere,
+    near_matches,
+)
 
 SHAPE, CELL, LEAST = (180, 240), 50, 20.0
 CONFIG = Viso2Config(flow_radius=40, max_disparity=60, row_tolerance=1, range_cell=CELL)

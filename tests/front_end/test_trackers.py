@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from gpvo.config.stages import TrackingConfig
 from gpvo.events.clustering import RectifiedEvents, StereoCluster
-from gpvo.observations import Observations
-from gpvo.tracking import make_tracker, to_full_resolution
-from gpvo.viso2_tracking import NO_LANDMARK, Viso2Tracker
+from gpvo.tracking.observations import Observations
+from gpvo.tracking.tracker import make_tracker, to_full_resolution
+from gpvo.tracking.viso2.tracker import NO_LANDMARK, Viso2Tracker
 
 IMAGE_TRACKERS = ["klt", "viso2"]
 TRACKERS = [*IMAGE_TRACKERS, "event"]

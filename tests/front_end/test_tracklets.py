@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from gpvo.config.stages import TrackletConfig
 from gpvo.events.clustering import EventImage, StereoCluster
-from gpvo.observations import Observations
-from gpvo.tracklets import Measurements, Tracklets, feature_times
+from gpvo.tracking.observations import Observations
+from gpvo.tracking.tracklets import Measurements, Tracklets, feature_times
 
 HEIGHT, WIDTH = 60, 80
 seeds = st.integers(0, 2**32)

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.event_tracking_images import align, draw
-from gpvo.event_tracking_search import EventRows, events_around
+from gpvo.tracking.haste.event_rows import EventRows, events_around
+from gpvo.tracking.haste.templates import align, draw
 
 Array = NDArray[np.float64]
 

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.config.stages import TrackingConfig
-from gpvo.event_tracking import EventTracker
 from gpvo.events.clustering import StereoCluster
-from gpvo.features import half_resolution
-from gpvo.klt_tracking import KltTracker
-from gpvo.motion_compensation import MotionCompensation
-from gpvo.observations import Observations
-from gpvo.viso2_tracking import Viso2Tracker
+from gpvo.tracking.features import half_resolution
+from gpvo.tracking.haste.tracker import EventTracker
+from gpvo.tracking.klt.tracker import KltTracker
+from gpvo.tracking.motion_compensation import MotionCompensation
+from gpvo.tracking.observations import Observations
+from gpvo.tracking.viso2.tracker import Viso2Tracker
 
 StereoImage = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gpvo.config.stages import TrackletConfig
 from gpvo.events.clustering import StereoCluster
 from gpvo.mc_ransac import Segments
-from gpvo.observations import Observations
+from gpvo.tracking.observations import Observations
 
 Array = NDArray[np.float64]
 Surfaces = tuple[Array, Array]

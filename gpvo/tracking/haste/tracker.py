@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.config.stages import TrackingConfig
-from gpvo.event_tracking_hypotheses import Patches, follow, judge, new_patches
-from gpvo.event_tracking_images import BORDER, align, blur_kernel, draw, normalized
-from gpvo.event_tracking_search import EventRows, event_rows, latest_around
-from gpvo.event_tracking_stereo import match_right, mean_time
 from gpvo.events.clustering import EventImage, StereoCluster
-from gpvo.features import extrema, smooth, strongest_spaced
-from gpvo.observations import Observations
+from gpvo.tracking.features import extrema, smooth, strongest_spaced
+from gpvo.tracking.haste.event_rows import EventRows, event_rows, latest_around
+from gpvo.tracking.haste.hypotheses import Patches, follow, judge, new_patches
+from gpvo.tracking.haste.stereo_matching import match_right, mean_time
+from gpvo.tracking.haste.templates import BORDER, align, blur_kernel, draw, normalized
+from gpvo.tracking.observations import Observations
 
 Array = NDArray[np.float64]
 

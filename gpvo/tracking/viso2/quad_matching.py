@@ -13,9 +13,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gpvo.config.stages import Viso2Config
-from gpvo.delaunay_support import are_supported
-from gpvo.features import Features
-from gpvo.search_ranges import SearchRanges
+from gpvo.tracking.features import Features
+from gpvo.tracking.viso2.delaunay_support import are_supported
+from gpvo.tracking.viso2.search_ranges import SearchRanges
 
 NO_MATCH = -1
 

@@ -12,13 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.bucketing import best_per_cell
 from gpvo.config.stages import FeatureConfig, TrackingConfig
-from gpvo.features import detect, gradients, smooth
-from gpvo.matching import StereoFeatures, index_features, match_quads, quad_points
-from gpvo.observations import Observations
-from gpvo.refinement import PATCH, patches, refine
-from gpvo.search_ranges import everywhere, near_matches
+from gpvo.tracking.features import detect, gradients, smooth
+from gpvo.tracking.observations import Observations
+from gpvo.tracking.viso2.bucketing import best_per_cell
+from gpvo.tracking.viso2.quad_matching import (
+    StereoFeatures,
+    index_features,
+    match_quads,
+    quad_points,
+)
+from gpvo.tracking.viso2.search_ranges import everywhere, near_matches
+from gpvo.tracking.viso2.subpixel_refinement import PATCH, patches, refine
 
 Image = NDArray[np.uint8]
 NO_LANDMARK = -1
@@ -93,7 +98,7 @@ class Viso2Tracker:
         return frame
 
     def _match(self, frame: _Frame, earlier: _Frame) -> NDArray[np.int64]:
-        """Quads (M, 4) between two frames; see `gpvo.matching.match_quads`."""
+        """Quads (M, 4) between two frames; see `gpvo.tracking.viso2.quad_matching.match_quads`."""
         shape, between = frame.left_gradient.shape[:2], frame.number - earlier.number
         ranges = everywhere(shape, between, self._config)
         if frame.sparse is not None and earlier.sparse is not None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gpvo.config.stages import CompensationConfig
 from gpvo.events.clustering import RectifiedEvents, StereoCluster
-from gpvo.observations import Observations
+from gpvo.tracking.observations import Observations
 
 Array = NDArray[np.float64]
 Flow = NDArray[np.float32]

@@ -30,7 +30,7 @@ REACH = PATCH_RADIUS + SEARCH_RADIUS + 1  # a point needs this distance from the
 
 
 def patches(gradient: NDArray[np.uint8], points: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """(N, 16) gradient values around points (N, 2); see `gpvo.features.gradients`."""
+    """(N, 16) gradient values around points (N, 2); see `gpvo.tracking.features.gradients`."""
     columns = points[:, 0, None] + PATCH[:, 0]
     rows = points[:, 1, None] + PATCH[:, 1]
     return gradient[rows, columns, PATCH[:, 2]]

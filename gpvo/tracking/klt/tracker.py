@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.config.stages import TrackingConfig
-from gpvo.features import extrema, smooth, strongest_spaced
-from gpvo.observations import Observations
-from gpvo.patch_checks import patch_correlation, row_gradient
+from gpvo.tracking.features import extrema, smooth, strongest_spaced
+from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
+from gpvo.tracking.observations import Observations
 
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]

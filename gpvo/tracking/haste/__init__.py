@@ -1,0 +1,1 @@
+"""Features followed event by event, after HASTE."""

@@ -1,0 +1,1 @@
+"""Features followed by patches on images, by Lucas and Kanade."""

@@ -1,0 +1,1 @@
+"""Features matched by descriptors around the quad, after viso2."""
