@@ -29,7 +29,9 @@ from gpvo.config.stages import Configuration, McRansacConfig
 from gpvo.estimators import make_estimator
 from gpvo.evaluation import Evaluation, evaluate
 from gpvo.events.clustering import EventImage, StereoCluster, cluster_events
-from gpvo.mc_ransac import Segments, VelocityFit, iterative_mc_ransac, mc_ransac
+from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
+from gpvo.mc_ransac.mc_ransac import mc_ransac
+from gpvo.mc_ransac.segments import Segments, segments_between
 from gpvo.poses import StampedPoses
 from gpvo.recordings import Recording
 from gpvo.results import STEP, evaluate_trajectory
@@ -119,8 +121,9 @@ def run(recording: Recording, tracked: Tracked, variant: Variant) -> tuple[Traje
     rng, counts = np.random.default_rng(config.seed), []
     for frame, (cluster, observations) in enumerate(_timed(tracked, variant)):
         tracklets.add(cluster, observations)
-        segments, landmarks = tracklets.segments(config.mc_ransac.span)
-        fit = fitted(segments, camera, config, variant.rejection, rng)
+        earlier, later = tracklets.pairs(config.mc_ransac.span)
+        landmarks = later.landmark
+        fit = fitted(segments_between(earlier, later), camera, config, variant.rejection, rng)
         inliers = landmarks[fit.inliers] if fit is not None else landmarks[:0]
         tracklets.reject(np.setdiff1d(landmarks, inliers))
         estimator.update(frame, cluster.stop, tracklets.take(inliers), fit)

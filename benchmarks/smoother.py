@@ -27,14 +27,14 @@ from gpvo.estimators import make_estimator
 from gpvo.events.clustering import cluster_events
 from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.gauss_newton_smoother import GaussNewtonSmoother
-from gpvo.mc_ransac import VelocityFit
+from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.odometry import Odometry
 from gpvo.recordings import open_recording
 from gpvo.recordings.base import Recording
 from gpvo.repairs import Repair
 from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory import Trajectory
 
 Array = NDArray[np.float64]

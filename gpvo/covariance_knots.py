@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.factor_graph import FactorMaker, seen_twice, state_times
+from gpvo.factor_graph import FactorMaker, state_times
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements, seen_twice
 from gpvo.window import Window
 
 Array = NDArray[np.float64]

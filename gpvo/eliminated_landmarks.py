@@ -14,11 +14,11 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
-from gpvo.factor_graph import SAME_TIME, FactorMaker, seen_twice
+from gpvo.factor_graph import SAME_TIME, FactorMaker
 from gpvo.increment import Increment, NumberedStates
 from gpvo.lag import Lag
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements, seen_twice
 
 GOLDEN = 0.6180339887498949
 """Multiples of it are spread evenly, however many: landmarks that come together leave apart."""

@@ -9,11 +9,11 @@ from factors import StereoCamera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.gauss_newton_smoother import GaussNewtonSmoother
-from gpvo.mc_ransac import VelocityFit
+from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.repairs import Repair
 from gpvo.sliding_window import SlidingWindow
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory import Trajectory
 
 

@@ -23,7 +23,7 @@ from factors import (
 )
 from gpvo.config.stages import NoiseConfig
 from gpvo.robust import RobustLoss
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]
 SAME_TIME = 5e-7
@@ -128,12 +128,6 @@ def landmark_points(
     T = T_world_cam[nearest]
     world = np.einsum("nij,nj->ni", T[:, :3, :3], points) + T[:, :3, 3]
     yield from zip(landmarks.tolist(), world, strict=True)
-
-
-def seen_twice(measurements: Measurements) -> Measurements:
-    """The measurements of landmarks that have at least two; one alone tells no motion."""
-    landmarks, count = np.unique(measurements.landmark, return_counts=True)
-    return measurements[np.isin(measurements.landmark, landmarks[count >= 2])]
 
 
 def nested_dissection(

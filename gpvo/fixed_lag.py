@@ -21,11 +21,11 @@ from gpvo.joining import joined
 from gpvo.lag import Lag
 from gpvo.lag_window import Sensor, new_times
 from gpvo.landmark_variables import LandmarkVariables
-from gpvo.mc_ransac import VelocityFit
+from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
 from gpvo.robust import RobustLoss
 from gpvo.states import States, later_states
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory import Trajectory
 from gpvo.window import (
     are_covariances,

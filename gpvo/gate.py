@@ -12,7 +12,7 @@ from gpvo.gaussian import IndeterminateError
 from gpvo.lag_window import BEYOND_GATE, LagWindow, Sensor
 from gpvo.repairs import Repair, repairs_of
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]
 INTERVAL = 0.02

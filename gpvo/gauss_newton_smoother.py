@@ -17,11 +17,11 @@ from gpvo.initialization import start_deviations, start_states, velocity_ahead
 from gpvo.joining import joined
 from gpvo.lag import Lag
 from gpvo.lag_window import LagWindow, Sensor, new_times
-from gpvo.mc_ransac import VelocityFit
+from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.repairs import Repair, repairs_of, split_possible
 from gpvo.states import States, later_states
 from gpvo.threads import one_blas_thread
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory import Trajectory
 from gpvo.unique_times import Deviations
 from gpvo.window_optimizer import Optimum

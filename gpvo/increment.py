@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.config.stages import NoiseConfig
-from gpvo.mc_ransac import VelocityFit
+from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.states import States
 
 Array = NDArray[np.float64]

@@ -18,10 +18,11 @@ from gpvo.errors import InputError
 from gpvo.events.clustering import StereoCluster, cluster_events
 from gpvo.front_end import FrontEnd
 from gpvo.inspection_truth import Truth
-from gpvo.mc_ransac import Segments, fast_mc_ransac
+from gpvo.mc_ransac.fast import fast_mc_ransac
+from gpvo.mc_ransac.segments import Segments, segments_between
 from gpvo.recordings.base import Recording
+from gpvo.tracking.measurements import Measurements
 from gpvo.tracking.observations import Observations
-from gpvo.tracking.tracklets import Measurements, segments_between
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -12,7 +12,7 @@ from factors.lie import se3_inverse, se3_log
 from factors.stereo import StereoCamera
 from gpvo.poses import StampedPoses
 from gpvo.simulation.recording import SimulatedRecording
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]
 

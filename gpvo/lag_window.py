@@ -13,14 +13,14 @@ from scipy.stats import chi2
 
 from factors import StereoCamera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.factor_graph import SAME_TIME, seen_twice
+from gpvo.factor_graph import SAME_TIME
 from gpvo.gaussian import IndeterminateError
 from gpvo.landmarks import Landmarks
 from gpvo.marginal_prior import MarginalPrior
 from gpvo.repairs import Repair, repairs_of
 from gpvo.robust import RobustLoss
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements, seen_twice
 from gpvo.unique_times import Deviations
 from gpvo.window_cost import Columns, Variables, WindowCost
 from gpvo.window_optimizer import Optimum, minimize

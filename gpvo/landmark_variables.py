@@ -9,10 +9,10 @@ import numpy as np
 from gtsam.symbol_shorthand import L
 from numpy.typing import NDArray
 
-from gpvo.factor_graph import FactorMaker, landmark_points, seen_twice
+from gpvo.factor_graph import FactorMaker, landmark_points
 from gpvo.increment import Increment, NumberedStates
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements, seen_twice
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from factors import StereoCamera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.covariance_knots import CovarianceKnots
-from gpvo.factor_graph import FactorMaker, seen_twice, state_times
+from gpvo.factor_graph import FactorMaker, state_times
 from gpvo.gate import within_gate
 from gpvo.initialization import start_deviations, start_states, velocity_ahead
 from gpvo.lag import Lag
 from gpvo.lag_window import Sensor
-from gpvo.mc_ransac import VelocityFit
+from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
 from gpvo.robust import RobustLoss
 from gpvo.states import States, later_states
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements, seen_twice
 from gpvo.trajectory import Trajectory
 from gpvo.window import Window
 

@@ -20,14 +20,14 @@ from gpvo.errors import InputError
 from gpvo.events.clustering import cluster_events
 from gpvo.landmarks import Landmarks
 from gpvo.marginal_prior import MarginalPrior
-from gpvo.mc_ransac import VelocityFit
+from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.odometry import Odometry
 from gpvo.poses import StampedPoses
 from gpvo.recordings.base import Recording
 from gpvo.repairs import Repair
 from gpvo.robust import RobustLoss
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 from gpvo.window_cost import Variables, WindowCost
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from factors import wnoa_covariance
 from gpvo.config.stages import EstimatorConfig
 from gpvo.factor_graph import FactorMaker, landmark_points, nested_dissection
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]
 ROUNDING = 1e-8

@@ -20,7 +20,7 @@ from gpvo.marginal_prior import MarginalPrior
 from gpvo.normal_kernels import add_block_kernel, add_motion_kernel, add_stereo_kernel
 from gpvo.robust import RobustLoss
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 from gpvo.unique_times import Bridge, Deviations, groups
 from gpvo.window_kernels import errors_kernel, motion_kernel, stereo_kernel
 

@@ -15,7 +15,7 @@ from factors import StereoCamera, wnoa_covariance
 from factors.lie import se3_exp, se3_inverse, se3_right_jacobian
 from gpvo.config.stages import NoiseConfig
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]
 

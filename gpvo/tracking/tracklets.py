@@ -6,8 +6,6 @@ Section III-A.2 of the paper.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -15,57 +13,12 @@ from numpy.typing import NDArray
 
 from gpvo.config.stages import TrackletConfig
 from gpvo.events.clustering import StereoCluster
-from gpvo.mc_ransac import Segments
+from gpvo.tracking.measurements import Measurements
 from gpvo.tracking.observations import Observations
 
 Array = NDArray[np.float64]
 Surfaces = tuple[Array, Array]
 """Surfaces of active events, left and right."""
-
-
-@dataclass(frozen=True, eq=False)
-class Measurements:
-    """N stereo measurements of landmarks, each at its own time.
-
-    Attributes
-    ----------
-    landmark
-        (N,) int64 identity of the landmark.
-    frame
-        (N,) int64 number of the cluster that it was seen in.
-    t
-        (N,) float64 seconds.
-    stereo
-        (N, 3) float64 (u_left, v, disparity), rectified pixels.
-    """
-
-    landmark: NDArray[np.int64]
-    frame: NDArray[np.int64]
-    t: NDArray[np.float64]
-    stereo: NDArray[np.float64]
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def __getitem__(self, index: NDArray | slice) -> Measurements:
-        return Measurements(
-            self.landmark[index], self.frame[index], self.t[index], self.stereo[index]
-        )
-
-    @staticmethod
-    def concatenate(parts: Iterable[Measurements]) -> Measurements:
-        """Join several sets of measurements."""
-        columns = [(part.landmark, part.frame, part.t, part.stereo) for part in parts]
-        if not columns:
-            return Measurements(
-                np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty((0, 3))
-            )
-        return Measurements(*(np.concatenate(column) for column in zip(*columns, strict=True)))
-
-
-def segments_between(earlier: Measurements, later: Measurements) -> Segments:
-    """Segments (N,) from measurements (N,) to later ones (N,) of the same landmarks."""
-    return Segments(earlier.stereo, later.stereo, later.t - earlier.t)
 
 
 class Tracklets:
@@ -105,11 +58,6 @@ class Tracklets:
         _, i, j = np.intersect1d(earlier.landmark, later.landmark, return_indices=True)
         moving = later.t[j] > earlier.t[i]
         return earlier[i[moving]], later[j[moving]]
-
-    def segments(self, span: int) -> tuple[Segments, NDArray[np.int64]]:
-        """The pairs (N,) as segments, and their landmarks (N,)."""
-        earlier, later = self.pairs(span)
-        return segments_between(earlier, later), later.landmark
 
     def take(self, inliers: NDArray[np.int64]) -> Measurements:
         """Measurements of these landmarks that were not taken before."""

@@ -13,7 +13,9 @@ from benchmarks.mc_ransac import (
     numpy_fast_mc_ransac,
 )
 from gpvo.config.stages import McRansacConfig
-from gpvo.mc_ransac import are_inliers, fast_mc_ransac, mc_ransac
+from gpvo.mc_ransac.fast import fast_mc_ransac
+from gpvo.mc_ransac.mc_ransac import mc_ransac
+from gpvo.mc_ransac.segments import are_inliers
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.5])

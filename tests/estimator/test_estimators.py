@@ -12,7 +12,7 @@ from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.sliding_window import SlidingWindow
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory import Trajectory
 
 PERIOD = 0.05

@@ -16,13 +16,12 @@ from gpvo.factor_graph import (
     FactorMaker,
     landmark_points,
     nested_dissection,
-    seen_twice,
     state_times,
 )
 from gpvo.initialization import fused_velocity
-from gpvo.mc_ransac import VelocityFit
+from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements, seen_twice
 from gpvo.window import Window, gauss_newton
 
 MAKE = FactorMaker(CAMERA, NoiseConfig())

@@ -17,12 +17,12 @@ from factors.lie import se3_inverse, se3_log
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.consistency import mean_nees_interval, nees
 from gpvo.eliminated_landmarks import GOLDEN
-from gpvo.factor_graph import FactorMaker, seen_twice
+from gpvo.factor_graph import FactorMaker
 from gpvo.fixed_lag import FixedLagSmoother
 from gpvo.increment import Increment
 from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements, seen_twice
 from gpvo.trajectory import Trajectory
 from gpvo.window import Window
 

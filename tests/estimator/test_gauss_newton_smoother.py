@@ -25,7 +25,7 @@ from gpvo.marginal_prior import MarginalPrior
 from gpvo.robust import RobustLoss
 from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 from gpvo.unique_times import bridge_covariance
 from gpvo.window_cost import Columns, Variables, WindowCost
 

@@ -9,7 +9,7 @@ from gpvo.config.stages import NoiseConfig
 from gpvo.errors import InputError
 from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.states import States
-from gpvo.tracking.tracklets import Measurements
+from gpvo.tracking.measurements import Measurements
 from gpvo.tune_noise import acceleration_psd, measurement_information, states_of_poses, tuned_noise
 
 TRUE = NoiseConfig(

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from factors.lie import se3_exp
-from gpvo.constant_velocity import best_sample_velocity, moved_points, sample_velocity
-from gpvo.mc_ransac import random_samples
+from gpvo.mc_ransac.fast import random_samples
+from gpvo.mc_ransac.fast_kernels import best_sample_velocity, moved_points, sample_velocity
 
 Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32)

@@ -10,18 +10,16 @@ from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
 from gpvo.config.stages import McRansacConfig
-from gpvo.constant_velocity import moved_points
-from gpvo.mc_ransac import (
-    Segments,
-    are_inliers,
-    fast_mc_ransac,
-    inlier_tolerance,
+from gpvo.mc_ransac.fast import fast_mc_ransac
+from gpvo.mc_ransac.fast_kernels import moved_points
+from gpvo.mc_ransac.iterative import (
     iterative_mc_ransac,
-    mc_ransac,
+    normal_equations,
     reprojection_error,
     velocity_covariance,
 )
-from gpvo.velocity_refinement import normal_equations
+from gpvo.mc_ransac.mc_ransac import mc_ransac
+from gpvo.mc_ransac.segments import Segments, are_inliers, inlier_tolerance
 
 Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32)

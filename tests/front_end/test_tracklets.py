@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from gpvo.config.stages import TrackletConfig
 from gpvo.events.clustering import EventImage, StereoCluster
+from gpvo.mc_ransac.segments import segments_between
+from gpvo.tracking.measurements import Measurements
 from gpvo.tracking.observations import Observations
-from gpvo.tracking.tracklets import Measurements, Tracklets, feature_times
+from gpvo.tracking.tracklets import Tracklets, feature_times
 
 HEIGHT, WIDTH = 60, 80
 seeds = st.integers(0, 2**32)
@@ -105,9 +107,9 @@ def two_sightings(
     add(tracklets, 0, (3, 30, 20, disparity, 1.0, 1.0 + stereo_time))
     t = 1.0 + duration
     add(tracklets, 1, (3, 30 + motion[0], 20 + motion[1], disparity, t, t + stereo_time))
-    segments, landmarks = tracklets.segments(span=1)
-    assert len(segments) == len(landmarks)
-    return tracklets.take(np.array([3])), len(segments)
+    earlier, later = tracklets.pairs(span=1)
+    assert len(earlier) == len(later)
+    return tracklets.take(np.array([3])), len(later)
 
 
 @pytest.mark.parametrize(
@@ -176,7 +178,7 @@ def test_reject_forgets_the_newest_measurements_alone() -> None:
     for frame in range(3):
         add(tracklets, frame, *(moving(landmark, frame) for landmark in range(2)))
     tracklets.reject(np.array([0]))
-    assert tracklets.segments(span=4)[1].tolist() == [1]
+    assert tracklets.pairs(span=4)[1].landmark.tolist() == [1]
     add(tracklets, 3, moving(0, 3))
     taken = tracklets.take(ALL)
     assert taken.frame[taken.landmark == 0].tolist() == [0, 1, 3]
@@ -193,8 +195,9 @@ def test_segments_end_in_the_newest_cluster_and_stay_within_the_span(span: int) 
         if frame == 0:
             seen.append(moving(3, frame))  # not seen for long
         add(tracklets, frame, *seen)
-    segments, landmarks = tracklets.segments(span)
-    assert landmarks.tolist() == [0, 1]
+    earlier, later = tracklets.pairs(span)
+    assert later.landmark.tolist() == [0, 1]
+    segments = segments_between(earlier, later)
     np.testing.assert_array_equal(segments.dt, [span / 8] * 2)
     np.testing.assert_array_equal(segments.later[:, 0], [20 + 4 * 3] * 2)
     np.testing.assert_array_equal(segments.earlier[:, 0], [20 + 4 * (3 - span)] * 2)
@@ -216,8 +219,9 @@ def test_any_segment_has_a_positive_time_and_two_measurements(seed: int) -> None
                 for k, t in zip(seen, times, strict=True)
             ),
         )
-        segments, landmarks = tracklets.segments(span)
-        assert (segments.dt > 0).all() and len(np.unique(landmarks)) == len(landmarks)
+        earlier, later = tracklets.pairs(span)
+        landmarks = later.landmark
+        assert (later.t > earlier.t).all() and len(np.unique(landmarks)) == len(landmarks)
         newest = dict(zip(seen.tolist(), times, strict=True))
         assert set(landmarks.tolist()) <= set(newest)
         tracklets.reject(rng.permutation(10)[:2])
@@ -278,4 +282,4 @@ def test_observations_without_events_are_dropped() -> None:
                 np.array([0]), np.array([frame]), point + 5 * frame, point + 5 * frame - [8, 0]
             ),
         )
-        assert len(tracklets.segments(4)[0]) == len(tracklets.take(ALL)) == 0
+        assert len(tracklets.pairs(4)[0]) == len(tracklets.take(ALL)) == 0

@@ -1,9 +1,4 @@
-"""Motion-compensated RANSAC: one constant SE(3) velocity explains the inlier tracklet segments.
-
-Section III-B of the paper. A segment is one landmark measured at two times of its own; there is no
-common time. Velocities are body twists of the left camera, rotation first, T(t + dt) = T(t)
-Exp(dt v): a static point moves through the camera frame as p(t + dt) = Exp(-dt v) p(t).
-"""
+"""Iterative MC-RANSAC, section III-B.2: a velocity refined by Gauss-Newton on its inliers."""
 
 from __future__ import annotations
 
@@ -12,36 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.kernels import LEFT, jacobian_coefficients_kernel, kernel, polynomial_kernel
 from factors.lie import se3_exp, se3_left_jacobian, skew
 from factors.stereo import StereoCamera
 from gpvo.config.stages import McRansacConfig
-from gpvo.constant_velocity import best_sample_velocity, moved_points
-from gpvo.velocity_refinement import normal_equations
+from gpvo.mc_ransac.fast_kernels import move, moved_points
+from gpvo.mc_ransac.segments import Segments, are_inliers
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Segments:
-    """Two measurements of each of N landmarks.
-
-    Attributes
-    ----------
-    earlier, later
-        (N, 3) measurements (u_left, v, disparity), rectified pixels.
-    dt
-        (N,) positive seconds from the earlier to the later one.
-    """
-
-    earlier: Array
-    later: Array
-    dt: Array
-
-    def __len__(self) -> int:
-        return len(self.dt)
-
-    def __getitem__(self, index: NDArray) -> Segments:
-        return Segments(self.earlier[index], self.later[index], self.dt[index])
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,56 +34,6 @@ class VelocityFit:
     velocity: Array
     covariance: Array
     inliers: NDArray[np.bool_]
-
-
-def mc_ransac(
-    segments: Segments,
-    camera: StereoCamera,
-    information: Array,
-    config: McRansacConfig,
-    rng: np.random.Generator,
-) -> VelocityFit | None:
-    """Find the largest set of segments that one velocity explains, and that velocity.
-
-    The fast version proposes an inlier set, the iterative version refines it. `information` (3, 3)
-    is the inverse covariance R^-1 of a measurement. None if no sample has enough inliers.
-    """
-    if len(segments) < config.sample_size:
-        return None
-    velocity = fast_mc_ransac(segments, camera, config, rng)
-    inliers = are_inliers(segments, camera, velocity, config)
-    if inliers.sum() < config.sample_size:
-        return None
-    return iterative_mc_ransac(segments, camera, information, velocity, inliers, config)
-
-
-def fast_mc_ransac(
-    segments: Segments, camera: StereoCamera, config: McRansacConfig, rng: np.random.Generator
-) -> Array:
-    """Velocity (6,) of the random sample that explains most segments, section III-B.1."""
-    points = camera.triangulate(segments.earlier)
-    displacements = camera.triangulate(segments.later) - points
-    return best_sample_velocity(
-        points,
-        displacements,
-        segments.dt,
-        segments.later,
-        inlier_tolerance(segments, config),
-        random_samples(len(segments), config.sample_size, config.iterations, rng),
-        camera.parameters,
-        config.confidence,
-    )
-
-
-def random_samples(
-    count: int, size: int, iterations: int, rng: np.random.Generator
-) -> NDArray[np.int64]:
-    """(iterations, size) indices below `count`, uniform and distinct within a row."""
-    samples = rng.integers(0, count - np.arange(size), size=(iterations, size))
-    for column in range(1, size):
-        for earlier in np.sort(samples[:, :column], axis=1).T:
-            samples[:, column] += samples[:, column] >= earlier
-    return samples
 
 
 def iterative_mc_ransac(
@@ -201,16 +124,49 @@ def _prediction_by_earlier(segments: Segments, camera: StereoCamera, velocity: A
     return by_moved @ rotation @ np.linalg.inv(by_point)
 
 
-def are_inliers(
-    segments: Segments, camera: StereoCamera, velocity: Array, config: McRansacConfig
-) -> NDArray[np.bool_]:
-    """Which segments (N,) the velocity explains: e_rel, equation (err_ransac_classify)."""
-    points = moved_points(camera.triangulate(segments.earlier), segments.dt, velocity)
-    error = np.linalg.norm(camera.project(points) - segments.later, axis=1)
-    return (points[:, 2] > 0) & (error <= inlier_tolerance(segments, config))
+@kernel
+def normal_equations(
+    points: Array, dt: Array, later: Array, velocity: Array, information: Array, camera: Array
+) -> tuple[Array, Array]:
+    """J^T W J (6, 6) and J^T W e (6,) of the errors e, predicted minus measured.
+
+    Parameters
+    ----------
+    points
+        (N, 3) landmarks in the camera at the earlier times.
+    dt, later
+        (N,) seconds to the later times, and the measurements (N, 3) there.
+    velocity
+        (6,) body twist.
+    information
+        (3, 3) weight W of an error.
+    camera
+        (fx, fy, cx, cy, baseline).
+    """
+    normal, right = np.zeros((6, 6)), np.zeros(6)
+    by_twist, by_velocity, weighted = np.zeros((3, 6)), np.zeros((3, 6)), np.zeros((3, 6))
+    error = np.empty(3)
+    for n in range(len(points)):
+        x, y, z = move(points[n, 0], points[n, 1], points[n, 2], dt[n], velocity)
+        u, v, disparity = camera[0] / z, camera[1] / z, camera[0] * camera[4] / z
+        error[0] = camera[0] * x / z + camera[2] - later[n, 0]
+        error[1] = camera[1] * y / z + camera[3] - later[n, 1]
+        error[2] = disparity - later[n, 2]
+        _by_twist(by_twist, x, y, z, u, v, disparity)
+        step = -dt[n] * velocity
+        jacobian = polynomial_kernel(step, jacobian_coefficients_kernel(step, LEFT))
+        by_velocity[:] = -dt[n] * (by_twist @ jacobian)
+        weighted[:] = information @ by_velocity
+        normal += weighted.T @ by_velocity
+        right += weighted.T @ error
+    return normal, right
 
 
-def inlier_tolerance(segments: Segments, config: McRansacConfig) -> Array:
-    """(N,) largest reprojection error of an inlier, pixels: a share of the segment's length."""
-    length = np.linalg.norm(segments.later - segments.earlier, axis=1)
-    return np.maximum(config.relative_threshold * length, config.pixel_threshold)
+@kernel
+def _by_twist(
+    by_twist: Array, x: float, y: float, z: float, u: float, v: float, disparity: float
+) -> None:
+    """Write the derivative (3, 6) of a prediction by a motion of its point, Exp(twist) p."""
+    by_twist[0] = (-u * x * y / z, u * (z + x * x / z), -u * y, u, 0.0, -u * x / z)
+    by_twist[1] = (-v * (z + y * y / z), v * x * y / z, v * x, 0.0, v, -v * y / z)
+    by_twist[2] = (-disparity * y / z, disparity * x / z, 0.0, 0.0, 0.0, -disparity / z)

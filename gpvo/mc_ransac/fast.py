@@ -1,0 +1,42 @@
+"""Fast MC-RANSAC, section III-B.1: random samples, each with the velocity that fits it best."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.stereo import StereoCamera
+from gpvo.config.stages import McRansacConfig
+from gpvo.mc_ransac.fast_kernels import best_sample_velocity
+from gpvo.mc_ransac.segments import Segments, inlier_tolerance
+
+Array = NDArray[np.float64]
+
+
+def fast_mc_ransac(
+    segments: Segments, camera: StereoCamera, config: McRansacConfig, rng: np.random.Generator
+) -> Array:
+    """Velocity (6,) of the random sample that explains most segments, section III-B.1."""
+    points = camera.triangulate(segments.earlier)
+    displacements = camera.triangulate(segments.later) - points
+    return best_sample_velocity(
+        points,
+        displacements,
+        segments.dt,
+        segments.later,
+        inlier_tolerance(segments, config),
+        random_samples(len(segments), config.sample_size, config.iterations, rng),
+        camera.parameters,
+        config.confidence,
+    )
+
+
+def random_samples(
+    count: int, size: int, iterations: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """(iterations, size) indices below `count`, uniform and distinct within a row."""
+    samples = rng.integers(0, count - np.arange(size), size=(iterations, size))
+    for column in range(1, size):
+        for earlier in np.sort(samples[:, :column], axis=1).T:
+            samples[:, column] += samples[:, column] >= earlier
+    return samples

@@ -1,0 +1,40 @@
+"""Motion-compensated RANSAC: one constant SE(3) velocity explains the inlier tracklet segments.
+
+Section III-B of the paper. A segment is one landmark measured at two times of its own; there is no
+common time. Velocities are body twists of the left camera, rotation first, T(t + dt) = T(t)
+Exp(dt v): a static point moves through the camera frame as p(t + dt) = Exp(-dt v) p(t).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.stereo import StereoCamera
+from gpvo.config.stages import McRansacConfig
+from gpvo.mc_ransac.fast import fast_mc_ransac
+from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
+from gpvo.mc_ransac.segments import Segments, are_inliers
+
+Array = NDArray[np.float64]
+
+
+def mc_ransac(
+    segments: Segments,
+    camera: StereoCamera,
+    information: Array,
+    config: McRansacConfig,
+    rng: np.random.Generator,
+) -> VelocityFit | None:
+    """Find the largest set of segments that one velocity explains, and that velocity.
+
+    The fast version proposes an inlier set, the iterative version refines it. `information` (3, 3)
+    is the inverse covariance R^-1 of a measurement. None if no sample has enough inliers.
+    """
+    if len(segments) < config.sample_size:
+        return None
+    velocity = fast_mc_ransac(segments, camera, config, rng)
+    inliers = are_inliers(segments, camera, velocity, config)
+    if inliers.sum() < config.sample_size:
+        return None
+    return iterative_mc_ransac(segments, camera, information, velocity, inliers, config)

@@ -1,0 +1,58 @@
+"""Segments: a landmark measured twice, and which of them a velocity explains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.stereo import StereoCamera
+from gpvo.config.stages import McRansacConfig
+from gpvo.mc_ransac.fast_kernels import moved_points
+from gpvo.tracking.measurements import Measurements
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Two measurements of each of N landmarks.
+
+    Attributes
+    ----------
+    earlier, later
+        (N, 3) measurements (u_left, v, disparity), rectified pixels.
+    dt
+        (N,) positive seconds from the earlier to the later one.
+    """
+
+    earlier: Array
+    later: Array
+    dt: Array
+
+    def __len__(self) -> int:
+        return len(self.dt)
+
+    def __getitem__(self, index: NDArray) -> Segments:
+        return Segments(self.earlier[index], self.later[index], self.dt[index])
+
+
+def segments_between(earlier: Measurements, later: Measurements) -> Segments:
+    """Segments (N,) from measurements (N,) to later ones (N,) of the same landmarks."""
+    return Segments(earlier.stereo, later.stereo, later.t - earlier.t)
+
+
+def are_inliers(
+    segments: Segments, camera: StereoCamera, velocity: Array, config: McRansacConfig
+) -> NDArray[np.bool_]:
+    """Which segments (N,) the velocity explains: e_rel, equation (err_ransac_classify)."""
+    points = moved_points(camera.triangulate(segments.earlier), segments.dt, velocity)
+    error = np.linalg.norm(camera.project(points) - segments.later, axis=1)
+    return (points[:, 2] > 0) & (error <= inlier_tolerance(segments, config))
+
+
+def inlier_tolerance(segments: Segments, config: McRansacConfig) -> Array:
+    """(N,) largest reprojection error of an inlier, pixels: a share of the segment's length."""
+    length = np.linalg.norm(segments.later - segments.earlier, axis=1)
+    return np.maximum(config.relative_threshold * length, config.pixel_threshold)
