@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.consistency import mean_nees_interval, nees
-from gpvo.estimators import make_estimator
+from gpvo.estimator.estimator import make_estimator
 from gpvo.simulation.tracklets import TrackletSimulation
 
 Array = NDArray[np.float64]

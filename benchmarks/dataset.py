@@ -22,8 +22,8 @@ from gpvo.evaluation.loading import load_poses
 from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.tables import ErrorRow
 from gpvo.folders import make_folder
-from gpvo.poses import seconds_text
 from gpvo.recordings import Recording, open_recording
+from gpvo.trajectory.stamped_poses import seconds_text
 
 
 @dataclass(frozen=True)

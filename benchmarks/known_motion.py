@@ -11,9 +11,9 @@ import numpy as np
 
 from gpvo.evaluation.loading import load_poses
 from gpvo.inspection_truth import Truth, truth_of_poses, truth_of_simulation
-from gpvo.poses import StampedPoses
 from gpvo.recordings import Recording, open_recording
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 """Where a recording stands beside the repository, if at all."""

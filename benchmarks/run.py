@@ -11,7 +11,7 @@ from gpvo.evaluation.continuous import ContinuousPoses
 from gpvo.evaluation.cost import Cost, CostMeter
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording
-from gpvo.trajectory import Trajectory
+from gpvo.trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
-from gpvo.trajectory import Trajectory
+from gpvo.trajectory.trajectory import Trajectory
 
 __all__ = [
     "Configuration",

@@ -137,8 +137,8 @@ def tune_noise(
     right_topic: RightTopic = None,
 ) -> None:
     """Learn Q_c and R by maximum likelihood; print them as YAML for `--config`."""
+    from gpvo.commands.tune_noise import noise_text, tuned_on_recording
     from gpvo.run_command import load_ground_truth
-    from gpvo.tune_noise import noise_text, tuned_on_recording
 
     opened = open_recording(recording, calibration, left_topic, right_topic)
     truth = load_ground_truth(ground_truth, opened, calibration)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_inverse, se3_log
 from factors.stereo import StereoCamera
-from gpvo.poses import StampedPoses
 from gpvo.simulation.recording import SimulatedRecording
 from gpvo.tracking.measurements import Measurements
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from gpvo.errors import InputError
 from gpvo.odometry import Odometry
-from gpvo.tum import TumWriter
+from gpvo.trajectory.tum import TumWriter
 
 UNFINISHED = "unfinished: the poses that were final when gpvo run last wrote, or was stopped"
 """First line of the file, a comment; a finished file has none."""

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
-from gpvo.estimators import make_estimator
+from gpvo.estimator.blas_threads import one_blas_thread
+from gpvo.estimator.estimator import make_estimator
 from gpvo.events.clustering import StereoCluster, cluster_events
 from gpvo.front_end import FrontEnd
 from gpvo.recordings.base import Recording
 from gpvo.recordings.calibration.rig import StereoRig
-from gpvo.threads import one_blas_thread, prefetched
 from gpvo.tracking.tracker import Tracker
-from gpvo.trajectory import Trajectory
+from gpvo.trajectory.trajectory import Trajectory
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -143,3 +147,12 @@ class Odometry:
             if cluster is None:
                 return
             yield cluster
+
+
+def prefetched(items: Iterator[T], ahead: int = 3) -> Iterator[T]:
+    """The same items, made in a thread of its own up to some ahead of the one that is in use."""
+    with ThreadPoolExecutor(1) as thread:
+        coming = deque(thread.submit(next, items, None) for _ in range(ahead))
+        while (item := coming.popleft().result()) is not None:
+            coming.append(thread.submit(next, items, None))
+            yield item

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from gpvo.config.stages import Configuration
 from gpvo.config.yaml_file import configuration_text
+from gpvo.estimator.diagnostics import Repair
 from gpvo.evaluation import Evaluation, evaluate
 from gpvo.evaluation.association import common_part
 from gpvo.evaluation.cost import COST_FILE
@@ -20,10 +21,9 @@ from gpvo.evaluation.plots import error_figure, path_figure, save_figure, series
 from gpvo.evaluation.stretches import weak_stretches
 from gpvo.folders import make_folder
 from gpvo.odometry import ClusterReport
-from gpvo.poses import StampedPoses
-from gpvo.repairs import Repair
-from gpvo.trajectory import Trajectory
-from gpvo.tum import write_tum
+from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory.trajectory import Trajectory
+from gpvo.trajectory.tum import write_tum
 
 FILES = (
     "trajectory.tum",

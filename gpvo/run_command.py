@@ -16,10 +16,10 @@ from gpvo.evaluation.table_formats import to_rich
 from gpvo.folders import make_folder
 from gpvo.live_file import LiveFile
 from gpvo.odometry import ClusterReport, Odometry
-from gpvo.poses import StampedPoses
 from gpvo.progress import RunProgress
 from gpvo.recordings import Recording
 from gpvo.results import FILES, Result, evaluate_trajectory
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 
 def run_and_write(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from factors.lie import se3_inverse
-from gpvo.poses import StampedPoses, rigid_transforms
+from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
 
 AlignmentMethod = Literal["se3", "sim3", "yaw", "first", "none"]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gpvo.errors import InputError
-from gpvo.poses import StampedPoses, seconds_text
+from gpvo.trajectory.stamped_poses import StampedPoses, seconds_text
 
 
 def associate(

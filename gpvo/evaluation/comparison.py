@@ -25,7 +25,7 @@ from gpvo.evaluation.tables import (
     relative_error_table,
     summary_table,
 )
-from gpvo.poses import StampedPoses
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 STRANGE_ROTATION = 0.35
 """Radians (20 degrees) off on the median: rather another body frame than an error."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpvo.poses import StampedPoses
-from gpvo.trajectory import Trajectory
+from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ from gpvo.evaluation.trajectory_error import (
     pose_progress,
     relative_pose_error,
 )
-from gpvo.poses import StampedPoses, seconds_text
+from gpvo.trajectory.stamped_poses import StampedPoses, seconds_text
 
 Interpolation = Literal["linear", "gp"]
 

@@ -13,11 +13,11 @@ from gpvo.errors import InputError
 from gpvo.evaluation.body_frames import body_to_left, raw_to_rectified
 from gpvo.evaluation.continuous import ContinuousPoses
 from gpvo.evaluation.rosbag import read_pose_bag
-from gpvo.poses import StampedPoses
 from gpvo.recordings.bags.rosbag1 import RosBag1, is_rosbag1
 from gpvo.recordings.calibration.rig import StereoRig
-from gpvo.trajectory import Trajectory
-from gpvo.tum import parse_tum
+from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory.trajectory import Trajectory
+from gpvo.trajectory.tum import parse_tum
 
 KITTI_FRAME_NS = 100_000_000
 """KITTI's cameras run at 10 Hz; used where no times.txt stands beside the poses."""

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from factors.lie import se3_inverse
 from gpvo.evaluation.stretches import Stretch
-from gpvo.poses import StampedPoses
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 if TYPE_CHECKING:
     from gpvo.evaluation.evaluate import Evaluation

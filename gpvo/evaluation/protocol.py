@@ -14,7 +14,7 @@ from gpvo.evaluation.continuous import ContinuousPoses
 from gpvo.evaluation.cost import Cost
 from gpvo.evaluation.evaluate import Interpolation
 from gpvo.evaluation.paper import FrameTransform
-from gpvo.poses import StampedPoses
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 Association = Literal["nearest", "interpolated"]
 BodyAlignment = Literal["none", "rotation", "full"]

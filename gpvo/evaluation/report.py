@@ -15,7 +15,7 @@ from gpvo.evaluation.comparison import Comparison
 from gpvo.evaluation.plots import error_figure, path_figure, path_figure_3d, png
 from gpvo.evaluation.table_formats import LATEX_PACKAGES, to_html, to_latex, to_markdown
 from gpvo.folders import make_folder
-from gpvo.poses import StampedPoses
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem }

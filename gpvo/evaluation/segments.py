@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_inverse
 from gpvo.evaluation.trajectory_error import pose_progress, relative_motions, rotation_angles
-from gpvo.poses import StampedPoses
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 KITTI_LENGTHS = tuple(range(100, 900, 100))
 """Metres, for cars."""

@@ -16,7 +16,7 @@ from factors.lie import se3_inverse
 from gpvo.errors import InputError
 from gpvo.evaluation.alignment import Alignment, AlignmentMethod, find_alignment
 from gpvo.evaluation.statistics import Statistics
-from gpvo.poses import StampedPoses
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 DeltaUnit = Literal["frames", "seconds", "metres"]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from gpvo.poses import StampedPoses, rigid_transforms
+from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
 
 Array = NDArray[np.float64]
 MotionName = Literal["hand_held", "fast", "rotation", "back_and_forth", "corridor", "still"]

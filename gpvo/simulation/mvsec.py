@@ -9,9 +9,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from gpvo.poses import StampedPoses
 from gpvo.recordings.base import Events
 from gpvo.recordings.calibration.rig import StereoRig
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 
 def write_mvsec(

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gpvo.config.stages import StageConfig
-from gpvo.poses import StampedPoses
 from gpvo.recordings.base import Events, Recording, StereoEvents
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 from gpvo.recordings.slabs import stereo_slabs
@@ -21,6 +20,7 @@ from gpvo.simulation.events import Sensor, frame_times, simulate_events
 from gpvo.simulation.motion import CORRIDOR_SPEED, Motion, MotionName
 from gpvo.simulation.mvsec import write_mvsec
 from gpvo.simulation.scene import Scene
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 START_NS = 1_000_000_000_000
 """Absolute stamp of the start of every simulation; small enough for exact float64 seconds."""

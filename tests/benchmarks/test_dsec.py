@@ -17,11 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.dsec import main
 from gpvo.errors import InputError
-from gpvo.poses import StampedPoses, rigid_transforms
 from gpvo.recordings.base import Events
 from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.simulation.recording import SimulatedRecording
-from gpvo.tum import write_tum
+from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
+from gpvo.trajectory.tum import write_tum
 
 NAME = "zurich_city_04_a"
 

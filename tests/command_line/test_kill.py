@@ -13,7 +13,7 @@ import pytest
 from run_files import RecordingFiles
 
 from gpvo.live_file import UNFINISHED
-from gpvo.tum import read_tum
+from gpvo.trajectory.tum import read_tum
 
 COMMAND = [sys.executable, "-c", "from gpvo.cli import main; main()"]
 

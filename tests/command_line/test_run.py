@@ -20,7 +20,7 @@ from gpvo.config.yaml_file import load_configuration
 from gpvo.errors import InputError
 from gpvo.recordings import StereoEvents
 from gpvo.recordings.files.mvsec import MvsecRecording
-from gpvo.tum import read_tum
+from gpvo.trajectory.tum import read_tum
 
 FILES = {
     "config.yaml",

@@ -7,9 +7,9 @@ import pytest
 
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.consistency import mean_nees_interval, nees
-from gpvo.covariance_knots import CovarianceKnots
-from gpvo.estimators import make_estimator
+from gpvo.estimator.estimator import make_estimator
 from gpvo.simulation.tracklets import TrackletSimulation
+from gpvo.trajectory.covariance_knots import CovarianceKnots
 
 
 def chain(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -9,11 +9,11 @@ from synthetic import CAMERA, TWIST, constant_velocity, tracklets
 from factors import wnoa_information
 from factors.lie import se3_inverse, se3_log
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.fixed_lag import FixedLagSmoother
-from gpvo.gauss_newton_smoother import GaussNewtonSmoother
-from gpvo.sliding_window import SlidingWindow
+from gpvo.estimator.batch_window import SlidingWindow
+from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
+from gpvo.estimator.smoother import FixedLagSmoother
 from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory import Trajectory
+from gpvo.trajectory.trajectory import Trajectory
 
 PERIOD = 0.05
 METHODS = {

@@ -11,18 +11,18 @@ from hypothesis.extra.numpy import arrays
 from synthetic import CAMERA, TWIST, constant_velocity, tracklets
 
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.factor_graph import (
+from gpvo.estimator.batch_graph import Window, gauss_newton
+from gpvo.estimator.graph_builder import (
     SAME_TIME,
     FactorMaker,
     landmark_points,
     nested_dissection,
     state_times,
 )
-from gpvo.initialization import fused_velocity
+from gpvo.estimator.initialization import fused_velocity
 from gpvo.mc_ransac.iterative import VelocityFit
-from gpvo.states import States
 from gpvo.tracking.measurements import Measurements, seen_twice
-from gpvo.window import Window, gauss_newton
+from gpvo.trajectory.states import States
 
 MAKE = FactorMaker(CAMERA, NoiseConfig())
 

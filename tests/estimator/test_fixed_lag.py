@@ -16,15 +16,15 @@ from factors import StructurelessStereoFactor
 from factors.lie import se3_inverse, se3_log
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.consistency import mean_nees_interval, nees
-from gpvo.eliminated_landmarks import GOLDEN
-from gpvo.factor_graph import FactorMaker
-from gpvo.fixed_lag import FixedLagSmoother
-from gpvo.increment import Increment
+from gpvo.estimator.batch_graph import Window
+from gpvo.estimator.graph_builder import FactorMaker
+from gpvo.estimator.graph_update import Increment
+from gpvo.estimator.smoother import FixedLagSmoother
+from gpvo.estimator.structureless_landmarks import GOLDEN
 from gpvo.simulation.tracklets import TrackletSimulation
-from gpvo.states import States
 from gpvo.tracking.measurements import Measurements, seen_twice
-from gpvo.trajectory import Trajectory
-from gpvo.window import Window
+from gpvo.trajectory.states import States
+from gpvo.trajectory.trajectory import Trajectory
 
 Cluster = tuple[float, Measurements]
 NOISE = NoiseConfig()

@@ -18,16 +18,16 @@ from factors import InterpolatedStereoFactor, WnoaPriorFactor, wnoa_covariance
 from factors.lie import se3_inverse, se3_log
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.consistency import mean_nees_interval, nees
-from gpvo.gauss_newton_smoother import GaussNewtonSmoother
-from gpvo.gaussian import IndeterminateError, Quadratic
-from gpvo.lag_window import LagWindow, Sensor, new_times
-from gpvo.marginal_prior import MarginalPrior
-from gpvo.robust import RobustLoss
+from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
+from gpvo.estimator.gaussian import IndeterminateError, Quadratic
+from gpvo.estimator.lag_window import LagWindow, Sensor, new_times
+from gpvo.estimator.marginal_prior import MarginalPrior
+from gpvo.estimator.robust import RobustLoss
+from gpvo.estimator.unique_times import bridge_covariance
+from gpvo.estimator.window_cost import Columns, Variables, WindowCost
 from gpvo.simulation.tracklets import TrackletSimulation
-from gpvo.states import States
 from gpvo.tracking.measurements import Measurements
-from gpvo.unique_times import bridge_covariance
-from gpvo.window_cost import Columns, Variables, WindowCost
+from gpvo.trajectory.states import States
 
 NOISE = NoiseConfig()
 ANCHOR = np.diag(np.repeat([1e-3, 1.0], 6) ** 2)

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from factors.lie import se3_exp
-from gpvo.joining import joined
-from gpvo.states import States
+from gpvo.estimator.final_states import joined
+from gpvo.trajectory.states import States
 
 
 def ends(rng: np.random.Generator, duration: float, size: float) -> States:

@@ -10,8 +10,8 @@ from synthetic import CAMERA, tracklets
 from test_estimators import METHODS, PERIOD, estimate
 
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.fixed_lag import FixedLagSmoother
-from gpvo.lag import Lag
+from gpvo.estimator.smoother import FixedLagSmoother
+from gpvo.estimator.state_times import Lag
 
 
 @pytest.mark.parametrize("method", METHODS)

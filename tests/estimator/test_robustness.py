@@ -13,7 +13,7 @@ from test_estimators import METHODS, NOTHING, PERIOD
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory import Trajectory
+from gpvo.trajectory.trajectory import Trajectory
 
 Cluster = tuple[float, Measurements]
 
@@ -236,7 +236,7 @@ def test_covariances_are_the_priors_where_gtsam_has_none(
             raise RuntimeError("indeterminate")
         return np.full((len(numbers) - 1, 24, 24), np.nan if fault == "not finite" else -1.0)
 
-    monkeypatch.setattr("gpvo.fixed_lag.joint_covariances", broken)
+    monkeypatch.setattr("gpvo.estimator.smoother.joint_covariances", broken)
     clusters = regular(tracklets(clusters=8))
     trajectory, _ = run(clusters, method="fixed_lag", state_interval=0.025)
     check(trajectory)

@@ -7,10 +7,15 @@ import pytest
 
 from gpvo.config.stages import NoiseConfig
 from gpvo.errors import InputError
+from gpvo.estimator.noise_learning import (
+    acceleration_psd,
+    measurement_information,
+    states_of_poses,
+    tuned_noise,
+)
 from gpvo.simulation.tracklets import TrackletSimulation
-from gpvo.states import States
 from gpvo.tracking.measurements import Measurements
-from gpvo.tune_noise import acceleration_psd, measurement_information, states_of_poses, tuned_noise
+from gpvo.trajectory.states import States
 
 TRUE = NoiseConfig(
     acceleration_psd=(0.002, 0.004, 0.001, 0.02, 0.04, 0.01),

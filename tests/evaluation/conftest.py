@@ -11,7 +11,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from gpvo.poses import StampedPoses, rigid_transforms
+from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 

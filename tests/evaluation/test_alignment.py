@@ -11,7 +11,7 @@ from gpvo.errors import InputError
 from gpvo.evaluation.alignment import Alignment, find_alignment
 from gpvo.evaluation.association import associate, nearest_indices, resample, tolerance_for
 from gpvo.evaluation.offsets import find_body_offset, find_time_offset
-from gpvo.poses import StampedPoses, rigid_transforms
+from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
 
 seeds = st.integers(0, 10_000)
 

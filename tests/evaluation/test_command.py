@@ -19,9 +19,9 @@ from gpvo.evaluation.cost import CostMeter, write_cost
 from gpvo.evaluation.gp_interpolation import most_probable_velocities
 from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.sources import find_sources
-from gpvo.poses import StampedPoses
-from gpvo.trajectory import Trajectory
-from gpvo.tum import write_tum
+from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory.trajectory import Trajectory
+from gpvo.trajectory.tum import write_tum
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from gpvo.evaluation import common_stamps, evaluate
 from gpvo.evaluation.paper import COMPONENTS, PaperStatistics
 from gpvo.evaluation.table_formats import to_html, to_latex, to_markdown, to_rich
 from gpvo.evaluation.tables import Cell, ErrorRow, ResultTable, global_error_table
-from gpvo.poses import StampedPoses
-from gpvo.tum import read_tum
+from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory.tum import read_tum
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from evo.tools import file_interface
 
 from gpvo.evaluation import absolute_trajectory_error, find_alignment, relative_pose_error
 from gpvo.evaluation.association import associate, resample
-from gpvo.poses import StampedPoses
-from gpvo.tum import read_tum
+from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory.tum import read_tum
 
 PAIRS = [
     ("mvsec_indoor_flying1", "esvo2.txt", "stamped_groundtruth.txt", 0.02),

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
 from gpvo.evaluation.loading import load_poses
-from gpvo.tum import write_tum
+from gpvo.trajectory.tum import write_tum
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from gpvo.evaluation.paper import (
     motion_integrals,
     relative_error,
 )
-from gpvo.poses import StampedPoses, rigid_transforms
+from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
 
 seeds = st.integers(0, 10_000)
 

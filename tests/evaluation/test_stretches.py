@@ -3,7 +3,7 @@
 import numpy as np
 
 from gpvo.evaluation.stretches import weak_stretches
-from gpvo.trajectory import Trajectory
+from gpvo.trajectory.trajectory import Trajectory
 
 START_NS = 5_000_000_000
 

@@ -7,7 +7,7 @@ from gpvo.errors import InputError
 from gpvo.evaluation.segments import KITTI_LENGTHS, segment_errors
 from gpvo.evaluation.statistics import Statistics
 from gpvo.evaluation.trajectory_error import pose_pairs, relative_pose_error
-from gpvo.poses import StampedPoses
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 
 def test_relative_error_does_not_depend_on_the_worlds(random_walk, random_transform):

@@ -21,9 +21,9 @@ from gpvo.inspection_command import inspect_command
 from gpvo.inspection_report import FILES, tracklet_strip
 from gpvo.inspection_summary import flow_slopes, summarize
 from gpvo.inspection_truth import Truth, truth_of_poses, truth_of_simulation
-from gpvo.poses import StampedPoses
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
 from gpvo.tracking.measurements import Measurements
+from gpvo.trajectory.stamped_poses import StampedPoses
 
 CAMERA = StereoCamera(200.0, 200.0, 120.0, 90.0, 0.1)
 TWIST = np.array([0.1, -0.3, 0.2, 0.3, 0.1, 0.2])

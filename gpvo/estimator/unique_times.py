@@ -23,9 +23,9 @@ from factors.local import (
     local_state_kernel,
     moved_kernel,
 )
-from gpvo.factor_graph import SAME_TIME
-from gpvo.normal_kernels import add_bridge_kernel
-from gpvo.states import States, bracket
+from gpvo.estimator.graph_builder import SAME_TIME
+from gpvo.estimator.normal_kernels import add_bridge_kernel
+from gpvo.trajectory.states import States, bracket
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

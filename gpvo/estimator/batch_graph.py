@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from factors import wnoa_covariance
 from gpvo.config.stages import EstimatorConfig
-from gpvo.factor_graph import FactorMaker, landmark_points, nested_dissection
-from gpvo.states import States
+from gpvo.estimator.graph_builder import FactorMaker, landmark_points, nested_dissection
 from gpvo.tracking.measurements import Measurements
+from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 ROUNDING = 1e-8

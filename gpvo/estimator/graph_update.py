@@ -11,8 +11,8 @@ import numpy as np
 from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
-from gpvo.states import States
 from gpvo.tracking.measurements import Measurements
+from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 

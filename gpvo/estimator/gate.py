@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.factor_graph import state_times
-from gpvo.gaussian import IndeterminateError
-from gpvo.lag_window import BEYOND_GATE, LagWindow, Sensor
-from gpvo.repairs import Repair, repairs_of
-from gpvo.states import States
+from gpvo.estimator.diagnostics import Repair, repairs_of
+from gpvo.estimator.gaussian import IndeterminateError
+from gpvo.estimator.graph_builder import state_times
+from gpvo.estimator.lag_window import BEYOND_GATE, LagWindow, Sensor
 from gpvo.tracking.measurements import Measurements
+from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 INTERVAL = 0.02

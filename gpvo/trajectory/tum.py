@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
-from gpvo.poses import StampedPoses, quaternions, rigid_transforms, seconds_text
+from gpvo.trajectory.stamped_poses import StampedPoses, quaternions, rigid_transforms, seconds_text
 
 QUATERNION_NORM_TOLERANCE = 1e-2
 """Files with two decimals still pass; anything further from 1 is not a rotation."""

@@ -7,14 +7,14 @@ from typing import Protocol
 
 from factors import StereoCamera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.fixed_lag import FixedLagSmoother
-from gpvo.gauss_newton_smoother import GaussNewtonSmoother
+from gpvo.estimator.batch_window import SlidingWindow
+from gpvo.estimator.diagnostics import Repair
+from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
+from gpvo.estimator.smoother import FixedLagSmoother
 from gpvo.mc_ransac.iterative import VelocityFit
-from gpvo.repairs import Repair
-from gpvo.sliding_window import SlidingWindow
-from gpvo.states import States
 from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory import Trajectory
+from gpvo.trajectory.states import States
+from gpvo.trajectory.trajectory import Trajectory
 
 
 class Estimator(Protocol):

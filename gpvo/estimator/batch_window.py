@@ -9,19 +9,19 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.covariance_knots import CovarianceKnots
-from gpvo.factor_graph import FactorMaker, state_times
-from gpvo.gate import within_gate
-from gpvo.initialization import start_deviations, start_states, velocity_ahead
-from gpvo.lag import Lag
-from gpvo.lag_window import Sensor
+from gpvo.estimator.batch_graph import Window
+from gpvo.estimator.diagnostics import Repair, named_landmark, repairs_of, split_possible
+from gpvo.estimator.gate import within_gate
+from gpvo.estimator.graph_builder import FactorMaker, state_times
+from gpvo.estimator.initialization import start_deviations, start_states, velocity_ahead
+from gpvo.estimator.lag_window import Sensor
+from gpvo.estimator.robust import RobustLoss
+from gpvo.estimator.state_times import Lag
 from gpvo.mc_ransac.iterative import VelocityFit
-from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
-from gpvo.robust import RobustLoss
-from gpvo.states import States, later_states
 from gpvo.tracking.measurements import Measurements, seen_twice
-from gpvo.trajectory import Trajectory
-from gpvo.window import Window
+from gpvo.trajectory.covariance_knots import CovarianceKnots
+from gpvo.trajectory.states import States, later_states
+from gpvo.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -134,7 +134,8 @@ class SlidingWindow:
 
     def _knots_until(self, stop: float, measurements: Measurements) -> CovarianceKnots:
         known = self._knots[-1] if self._knots else CovarianceKnots()
-        return known.next_until(
+        return _knots_after(
+            known,
             stop,
             self._states,
             measurements,
@@ -142,3 +143,45 @@ class SlidingWindow:
             self._config.covariance_interval,
             self._anchor_deviations,
         )
+
+
+def _knots_after(
+    known: CovarianceKnots,
+    stop: float,
+    states: States,
+    measurements: Measurements,
+    make: FactorMaker,
+    interval: float,
+    first_deviations: Array,
+) -> CovarianceKnots:
+    """Knots from the last known one to the state at `stop`, given the measurements around it.
+
+    The graph has states at knots alone, `interval` seconds apart, and measurements between them
+    are interpolated. `first_deviations` (12,) are those of the trajectory's first state.
+    """
+    start = known.t[-1] if len(known.t) else states.t[0]
+    if stop <= start:
+        return CovarianceKnots()
+    inner = states.t[states.t > start]
+    final = np.append(state_times(inner[inner < stop - interval / 2], interval, start), stop)
+    later = state_times(inner, interval, stop)
+    t = np.concatenate([[start], final, later])
+    inside = (measurements.t >= t[0]) & (measurements.t <= t[-1])
+    window = Window(
+        states.at(t),
+        seen_twice(measurements[inside]),
+        _start_covariance(known, first_deviations),
+    )
+    return CovarianceKnots(t[: 1 + len(final)], window.joint_covariances(make, len(final)))
+
+
+def _start_covariance(known: CovarianceKnots, first_deviations: Array) -> Array:
+    """(12, 12) of the last knot: what is known of its pose so far, of its twist nothing.
+
+    The window's measurements, not the earlier ones that it shares with the last window, tell
+    the twist.
+    """
+    covariance = np.diag(first_deviations**2)
+    if len(known.joint):
+        covariance[:6, :6] = known.joint[-1, 12:18, 12:18]
+    return covariance

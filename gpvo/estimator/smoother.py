@@ -11,29 +11,29 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.covariance_knots import CovarianceKnots
-from gpvo.eliminated_landmarks import EliminatedLandmarks
-from gpvo.factor_graph import SAME_TIME, FactorMaker, state_times
-from gpvo.gate import within_gate
-from gpvo.increment import Increment, Landmarks, NumberedStates
-from gpvo.initialization import start_deviations, start_states, velocity_ahead
-from gpvo.joining import joined
-from gpvo.lag import Lag
-from gpvo.lag_window import Sensor, new_times
-from gpvo.landmark_variables import LandmarkVariables
-from gpvo.mc_ransac.iterative import VelocityFit
-from gpvo.repairs import Repair, named_landmark, repairs_of, split_possible
-from gpvo.robust import RobustLoss
-from gpvo.states import States, later_states
-from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory import Trajectory
-from gpvo.window import (
+from gpvo.estimator.batch_graph import (
     are_covariances,
     isam_parameters,
     joint_covariances,
     prior_covariances,
     states_of,
 )
+from gpvo.estimator.diagnostics import Repair, named_landmark, repairs_of, split_possible
+from gpvo.estimator.final_states import joined
+from gpvo.estimator.gate import within_gate
+from gpvo.estimator.graph_builder import SAME_TIME, FactorMaker, state_times
+from gpvo.estimator.graph_update import Increment, Landmarks, NumberedStates
+from gpvo.estimator.initialization import start_deviations, start_states, velocity_ahead
+from gpvo.estimator.lag_window import Sensor, new_times
+from gpvo.estimator.landmark_variables import LandmarkVariables
+from gpvo.estimator.robust import RobustLoss
+from gpvo.estimator.state_times import Lag
+from gpvo.estimator.structureless_landmarks import EliminatedLandmarks
+from gpvo.mc_ransac.iterative import VelocityFit
+from gpvo.tracking.measurements import Measurements
+from gpvo.trajectory.covariance_knots import CovarianceKnots
+from gpvo.trajectory.states import States, later_states
+from gpvo.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 SOLVED_ANEW = "indeterminate: the window solved anew"

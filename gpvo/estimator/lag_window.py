@@ -13,17 +13,17 @@ from scipy.stats import chi2
 
 from factors import StereoCamera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.factor_graph import SAME_TIME
-from gpvo.gaussian import IndeterminateError
-from gpvo.landmarks import Landmarks
-from gpvo.marginal_prior import MarginalPrior
-from gpvo.repairs import Repair, repairs_of
-from gpvo.robust import RobustLoss
-from gpvo.states import States
+from gpvo.estimator.diagnostics import Repair, repairs_of
+from gpvo.estimator.gaussian import IndeterminateError
+from gpvo.estimator.graph_builder import SAME_TIME
+from gpvo.estimator.landmarks import Landmarks
+from gpvo.estimator.marginal_prior import MarginalPrior
+from gpvo.estimator.robust import RobustLoss
+from gpvo.estimator.unique_times import Deviations
+from gpvo.estimator.window_cost import Columns, Variables, WindowCost
+from gpvo.estimator.window_optimizer import Optimum, minimize
 from gpvo.tracking.measurements import Measurements, seen_twice
-from gpvo.unique_times import Deviations
-from gpvo.window_cost import Columns, Variables, WindowCost
-from gpvo.window_optimizer import Optimum, minimize
+from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

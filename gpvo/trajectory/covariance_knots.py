@@ -12,11 +12,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.factor_graph import FactorMaker, state_times
-from gpvo.states import States
-from gpvo.tracking.measurements import Measurements, seen_twice
-from gpvo.window import Window
-
 Array = NDArray[np.float64]
 
 
@@ -93,46 +88,6 @@ class CovarianceKnots:
         s, r = a / dt, b / dt
         small = [[s * s * (1 + 2 * r), -s * s * b], [6 * s * r / dt, s * (1 - 3 * r)]]
         return np.asarray(np.kron(np.array(small).transpose(2, 0, 1), np.eye(6)), np.float64)
-
-    def next_until(
-        self,
-        stop: float,
-        states: States,
-        measurements: Measurements,
-        make: FactorMaker,
-        interval: float,
-        first_deviations: Array,
-    ) -> CovarianceKnots:
-        """Knots from the last one to the state at `stop`, given the measurements around it.
-
-        The graph has states at knots alone, `interval` seconds apart, and measurements between them
-        are interpolated. `first_deviations` (12,) are those of the trajectory's first state.
-        """
-        start = self.t[-1] if len(self.t) else states.t[0]
-        if stop <= start:
-            return CovarianceKnots()
-        inner = states.t[states.t > start]
-        final = np.append(state_times(inner[inner < stop - interval / 2], interval, start), stop)
-        later = state_times(inner, interval, stop)
-        t = np.concatenate([[start], final, later])
-        inside = (measurements.t >= t[0]) & (measurements.t <= t[-1])
-        window = Window(
-            states.at(t),
-            seen_twice(measurements[inside]),
-            self._anchor_covariance(first_deviations),
-        )
-        return CovarianceKnots(t[: 1 + len(final)], window.joint_covariances(make, len(final)))
-
-    def _anchor_covariance(self, first_deviations: Array) -> Array:
-        """(12, 12) of the last knot: what is known of its pose so far, of its twist nothing.
-
-        The window's measurements, not the earlier ones that it shares with the last window, tell
-        the twist.
-        """
-        covariance = np.diag(first_deviations**2)
-        if len(self.joint):
-            covariance[:6, :6] = self.joint[-1, 12:18, 12:18]
-        return covariance
 
 
 def _positive_part(difference: Array, scale: Array) -> Array:

@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.covariance_knots import CovarianceKnots
-from gpvo.factor_graph import SAME_TIME
-from gpvo.gaussian import IndeterminateError
-from gpvo.initialization import start_deviations, start_states, velocity_ahead
-from gpvo.joining import joined
-from gpvo.lag import Lag
-from gpvo.lag_window import LagWindow, Sensor, new_times
+from gpvo.estimator.blas_threads import one_blas_thread
+from gpvo.estimator.diagnostics import Repair, repairs_of, split_possible
+from gpvo.estimator.final_states import joined
+from gpvo.estimator.gaussian import IndeterminateError
+from gpvo.estimator.graph_builder import SAME_TIME
+from gpvo.estimator.initialization import start_deviations, start_states, velocity_ahead
+from gpvo.estimator.lag_window import LagWindow, Sensor, new_times
+from gpvo.estimator.state_times import Lag
+from gpvo.estimator.unique_times import Deviations
+from gpvo.estimator.window_optimizer import Optimum
 from gpvo.mc_ransac.iterative import VelocityFit
-from gpvo.repairs import Repair, repairs_of, split_possible
-from gpvo.states import States, later_states
-from gpvo.threads import one_blas_thread
 from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory import Trajectory
-from gpvo.unique_times import Deviations
-from gpvo.window_optimizer import Optimum
+from gpvo.trajectory.covariance_knots import CovarianceKnots
+from gpvo.trajectory.states import States, later_states
+from gpvo.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 UNIQUE_INTERVAL = 0.025

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.config.stages import EstimatorConfig
-from gpvo.gaussian import IndeterminateError, Quadratic
-from gpvo.window_cost import Variables, WindowCost
+from gpvo.estimator.gaussian import IndeterminateError, Quadratic
+from gpvo.estimator.window_cost import Variables, WindowCost
 
 Array = NDArray[np.float64]
 ROUNDING = 1e-12

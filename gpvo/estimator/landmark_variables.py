@@ -9,10 +9,10 @@ import numpy as np
 from gtsam.symbol_shorthand import L
 from numpy.typing import NDArray
 
-from gpvo.factor_graph import FactorMaker, landmark_points
-from gpvo.increment import Increment, NumberedStates
-from gpvo.states import States
+from gpvo.estimator.graph_builder import FactorMaker, landmark_points
+from gpvo.estimator.graph_update import Increment, NumberedStates
 from gpvo.tracking.measurements import Measurements, seen_twice
+from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.lie import se3_inverse, se3_log
-from gpvo.gaussian import Quadratic
-from gpvo.landmarks import Landmarks
-from gpvo.states import States
+from gpvo.estimator.gaussian import Quadratic
+from gpvo.estimator.landmarks import Landmarks
+from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from factors import StereoCamera
 from factors.lie import se3_exp
 from gpvo.config.stages import NoiseConfig
-from gpvo.gaussian import Quadratic
-from gpvo.landmarks import Landmarks
-from gpvo.marginal_prior import MarginalPrior
-from gpvo.normal_kernels import add_block_kernel, add_motion_kernel, add_stereo_kernel
-from gpvo.robust import RobustLoss
-from gpvo.states import States
+from gpvo.estimator.gaussian import Quadratic
+from gpvo.estimator.landmarks import Landmarks
+from gpvo.estimator.marginal_prior import MarginalPrior
+from gpvo.estimator.normal_kernels import add_block_kernel, add_motion_kernel, add_stereo_kernel
+from gpvo.estimator.robust import RobustLoss
+from gpvo.estimator.unique_times import Bridge, Deviations, groups
+from gpvo.estimator.window_kernels import errors_kernel, motion_kernel, stereo_kernel
 from gpvo.tracking.measurements import Measurements
-from gpvo.unique_times import Bridge, Deviations, groups
-from gpvo.window_kernels import errors_kernel, motion_kernel, stereo_kernel
+from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from factors import extrapolate, interpolate
 from factors.lie import se3_inverse
 from gpvo.config.stages import NoiseConfig
-from gpvo.covariance_knots import CovarianceKnots
 from gpvo.errors import InputError
-from gpvo.poses import StampedPoses
-from gpvo.states import States, bracket
-from gpvo.tum import write_tum
+from gpvo.trajectory.covariance_knots import CovarianceKnots
+from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory.states import States, bracket
+from gpvo.trajectory.tum import write_tum
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
-from gpvo.factor_graph import SAME_TIME, FactorMaker
-from gpvo.increment import Increment, NumberedStates
-from gpvo.lag import Lag
-from gpvo.states import States
+from gpvo.estimator.graph_builder import SAME_TIME, FactorMaker
+from gpvo.estimator.graph_update import Increment, NumberedStates
+from gpvo.estimator.state_times import Lag
 from gpvo.tracking.measurements import Measurements, seen_twice
+from gpvo.trajectory.states import States
 
 GOLDEN = 0.6180339887498949
 """Multiples of it are spread evenly, however many: landmarks that come together leave apart."""

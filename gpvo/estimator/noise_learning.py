@@ -9,26 +9,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
-from gpvo.config.stages import Configuration, NoiseConfig
+from gpvo.config.stages import NoiseConfig
 from gpvo.errors import InputError
-from gpvo.events.clustering import cluster_events
-from gpvo.landmarks import Landmarks
-from gpvo.marginal_prior import MarginalPrior
-from gpvo.mc_ransac.iterative import VelocityFit
-from gpvo.odometry import Odometry
-from gpvo.poses import StampedPoses
-from gpvo.recordings.base import Recording
-from gpvo.repairs import Repair
-from gpvo.robust import RobustLoss
-from gpvo.states import States
+from gpvo.estimator.landmarks import Landmarks
+from gpvo.estimator.marginal_prior import MarginalPrior
+from gpvo.estimator.robust import RobustLoss
+from gpvo.estimator.window_cost import Variables, WindowCost
 from gpvo.tracking.measurements import Measurements
-from gpvo.window_cost import Variables, WindowCost
+from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 CAUCHY_SCALE = 3.0
@@ -117,49 +110,6 @@ def tuned_noise(
         acceleration_psd=tuple(density.tolist()),
         measurement_information=tuple(information.tolist()),
     )
-
-
-def tuned_on_recording(
-    recording: Recording, truth: StampedPoses, configuration: Configuration
-) -> NoiseConfig:
-    """Noise parameters learned from a recording's inlier tracklets and its true poses."""
-    odometry, recorder = Odometry(recording.rig, configuration), _Recorder()
-    odometry.estimator = recorder
-    for cluster in cluster_events(recording.slabs(), recording.rig, configuration.clustering):
-        odometry.process(cluster)
-    t = np.asarray((truth.stamps_ns - recording.start_ns) * 1e-9, np.float64)
-    return tuned_noise(recorder.clusters, states_of_poses(t, truth.T_world_cam), odometry.camera)
-
-
-def noise_text(noise: NoiseConfig) -> str:
-    """YAML of the learned parameters, rounded to three digits, as part of a configuration."""
-    fields = {
-        name: [float(f"{value:.3g}") for value in getattr(noise, name)]
-        for name in ("acceleration_psd", "measurement_information")
-    }
-    return str(yaml.safe_dump({"noise": fields}, sort_keys=False))
-
-
-class _Recorder:
-    """An estimator that only remembers its measurements."""
-
-    def __init__(self) -> None:
-        self.repairs: list[Repair] = []
-        self.clusters: list[Measurements] = []
-
-    def update(
-        self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
-    ) -> States:
-        """Remember a cluster's measurements."""
-        self.clusters.append(measurements)
-        return States()
-
-    def settled(self, after: float) -> States:
-        """There are none."""
-        return States()
-
-    def trajectory(self, start_ns: int) -> None:
-        """There is none."""
 
 
 def states_of_poses(t: Array, T_world_cam: Array) -> States:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gpvo.config.stages import NoiseConfig
 from gpvo.mc_ransac.iterative import VelocityFit
-from gpvo.states import States
+from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 ESTIMATED_VELOCITY = 1e-4

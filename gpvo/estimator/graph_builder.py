@@ -22,7 +22,7 @@ from factors import (
     WnoaPriorFactor,
 )
 from gpvo.config.stages import NoiseConfig
-from gpvo.robust import RobustLoss
+from gpvo.estimator.robust import RobustLoss
 from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from factors.kernels import kernel
 from factors.local import hermite_weights, local_state_kernel, moved_kernel
-from gpvo.states import States
+from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""Measurements become states: the factor graph and its solvers, section III-C.1 of the paper."""
