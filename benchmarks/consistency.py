@@ -13,8 +13,8 @@ import typer
 from numpy.typing import NDArray
 
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.consistency import mean_nees_interval, nees
 from gpvo.estimator.estimator import make_estimator
+from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
 from gpvo.simulation.tracklets import TrackletSimulation
 
 Array = NDArray[np.float64]

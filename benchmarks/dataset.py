@@ -17,11 +17,11 @@ from gpvo.config.yaml_file import load_configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.command import at_states_of_competitor, print_comparison
 from gpvo.evaluation.comparison import Comparison, compare
-from gpvo.evaluation.cost import write_cost
-from gpvo.evaluation.loading import load_poses
+from gpvo.evaluation.poses.load import load_poses
 from gpvo.evaluation.protocol import Contender, Protocol
-from gpvo.evaluation.tables import ErrorRow
-from gpvo.folders import make_folder
+from gpvo.evaluation.report.paper_tables import ErrorRow
+from gpvo.evaluation.report.result_folder import make_folder
+from gpvo.evaluation.report.run_time import write_cost
 from gpvo.recordings import Recording, open_recording
 from gpvo.trajectory.stamped_poses import seconds_text
 
@@ -138,7 +138,7 @@ def seconds_of(span_ns: tuple[int, int] | None, recording: Recording) -> tuple[f
 
 def write_outcomes(folder: Path, outcomes: Sequence[Outcome]) -> None:
     """Write the report, and every trajectory with its cost."""
-    from gpvo.evaluation.report import write_report  # matplotlib is slow to import
+    from gpvo.evaluation.report.report import write_report  # matplotlib is slow to import
 
     write_report(folder, [outcome.comparison for outcome in outcomes])
     for outcome in outcomes:

@@ -16,8 +16,8 @@ from benchmarks.dataset import DatasetSequence, Outcome, arguments, exit_with, r
 from benchmarks.published import DSEC_ATE
 from gpvo.errors import InputError
 from gpvo.evaluation.protocol import Protocol
-from gpvo.evaluation.table_formats import to_rich
-from gpvo.evaluation.tables import Cell, ResultTable, best_marked, metres
+from gpvo.evaluation.report.paper_tables import best_marked, metres
+from gpvo.evaluation.report.table import Cell, ResultTable, to_rich
 
 PROTOCOL = Protocol(align_body="rotation")
 """Others' trajectories are of another rectification; truths that they publish are of the lidar."""

@@ -22,8 +22,8 @@ from benchmarks.known_motion import KnownRecording, known_recordings, parse_opti
 from gpvo import Odometry
 from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
-from gpvo.inspection import inspect
-from gpvo.inspection_summary import summarize
+from gpvo.evaluation.front_end.inspect import inspect
+from gpvo.evaluation.front_end.summary import summarize
 from gpvo.results import evaluate_trajectory
 from gpvo.simulation.recording import SimulationConfig
 

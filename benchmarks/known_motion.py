@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gpvo.evaluation.loading import load_poses
-from gpvo.inspection_truth import Truth, truth_of_poses, truth_of_simulation
+from gpvo.evaluation.front_end.truth import Truth, truth_of_poses, truth_of_simulation
+from gpvo.evaluation.poses.load import load_poses
 from gpvo.recordings import Recording, open_recording
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
 from gpvo.trajectory.stamped_poses import StampedPoses

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import nan
 
-from gpvo.evaluation.paper import COMPONENTS, Component, PaperStatistics
-from gpvo.evaluation.tables import ErrorRow
+from gpvo.evaluation.metrics.paper_errors import COMPONENTS, Component, PaperStatistics
+from gpvo.evaluation.report.paper_tables import ErrorRow
 
 GlobalNumbers = tuple[float, float, float, float, float]
 RelativeNumbers = tuple[float, float, float]

@@ -31,11 +31,10 @@ from benchmarks.simulated_summary import (
 from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation import evaluate
-from gpvo.evaluation.cost import cost_table, total_cost
-from gpvo.evaluation.machine import machine_text
-from gpvo.evaluation.table_formats import to_markdown, to_rich
-from gpvo.evaluation.tables import ResultTable
-from gpvo.folders import make_folder
+from gpvo.evaluation.report.machine import machine_text
+from gpvo.evaluation.report.result_folder import make_folder
+from gpvo.evaluation.report.run_time import cost_table, total_cost
+from gpvo.evaluation.report.table import ResultTable, to_markdown, to_rich
 
 STEP = 0.01
 """Seconds between the poses that are compared."""
@@ -185,7 +184,7 @@ def write(
 ) -> None:
     """Write summary.json, tables.md and simulated.png."""
     from benchmarks.simulated_plot import suite_figure  # matplotlib is slow to import
-    from gpvo.evaluation.plots import save_figure
+    from gpvo.evaluation.report.plots import save_figure
 
     write_summary(folder / "summary.json", results, facts)
     (folder / "tables.md").write_text("\n".join(map(to_markdown, tables)), encoding="utf-8")

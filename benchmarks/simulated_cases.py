@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gpvo.errors import InputError
-from gpvo.evaluation.loading import load_poses
+from gpvo.evaluation.poses.load import load_poses
 from gpvo.simulation.motion import Motion
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
 from gpvo.trajectory.stamped_poses import StampedPoses

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gpvo.errors import InputError
-from gpvo.evaluation.cost import Cost
-from gpvo.evaluation.tables import Cell, ResultTable
+from gpvo.evaluation.report.run_time import Cost
+from gpvo.evaluation.report.table import Cell, ResultTable
 
 RELEVANT = 0.05
 """Smallest relative change of a mean that is called better or worse."""

@@ -168,8 +168,8 @@ def inspect_front_end(
     right_topic: RightTopic = None,
 ) -> None:
     """Hold features, tracklets, times and MC-RANSAC against the truth: table, JSON, plots."""
+    from gpvo.evaluation.front_end.truth import truth_of_poses
     from gpvo.inspection_command import inspect_command, simulated
-    from gpvo.inspection_truth import truth_of_poses
     from gpvo.run_command import load_ground_truth
 
     is_simulation = recording.suffix in (".yaml", ".yml")

@@ -184,7 +184,7 @@ def summarise(
 
 def ground_truths(recording: Recording) -> list[str]:
     """Ground truths beside a recording, each with its span or what is wrong with it."""
-    from gpvo.evaluation.loading import load_poses
+    from gpvo.evaluation.poses.load import load_poses
 
     path = recording.path.absolute()
     folder = path if path.is_dir() else path.parent

@@ -10,11 +10,11 @@ from rich.console import Console
 from gpvo.config.stages import Configuration
 from gpvo.config.yaml_file import configuration_text, load_fields
 from gpvo.errors import InputError
-from gpvo.folders import make_folder
-from gpvo.inspection import inspect
-from gpvo.inspection_report import FILES, inspection_table, write_inspection
-from gpvo.inspection_summary import summarize
-from gpvo.inspection_truth import Truth, truth_of_simulation
+from gpvo.evaluation.front_end.inspect import inspect
+from gpvo.evaluation.front_end.report import FILES, inspection_table, write_inspection
+from gpvo.evaluation.front_end.summary import summarize
+from gpvo.evaluation.front_end.truth import Truth, truth_of_simulation
+from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.recordings import Recording
 from gpvo.run_command import check_start
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate

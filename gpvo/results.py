@@ -14,12 +14,12 @@ from gpvo.config.stages import Configuration
 from gpvo.config.yaml_file import configuration_text
 from gpvo.estimator.diagnostics import Repair
 from gpvo.evaluation import Evaluation, evaluate
-from gpvo.evaluation.association import common_part
-from gpvo.evaluation.cost import COST_FILE
 from gpvo.evaluation.evaluate import common_stamps
-from gpvo.evaluation.plots import error_figure, path_figure, save_figure, series_figure
-from gpvo.evaluation.stretches import weak_stretches
-from gpvo.folders import make_folder
+from gpvo.evaluation.metrics.association import common_part
+from gpvo.evaluation.report.plots import error_figure, path_figure, save_figure, series_figure
+from gpvo.evaluation.report.result_folder import make_folder
+from gpvo.evaluation.report.run_time import COST_FILE
+from gpvo.evaluation.report.weak_stretches import weak_stretches
 from gpvo.odometry import ClusterReport
 from gpvo.trajectory.stamped_poses import StampedPoses
 from gpvo.trajectory.trajectory import Trajectory

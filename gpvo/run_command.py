@@ -9,11 +9,12 @@ from rich.console import Console
 
 from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
-from gpvo.evaluation.cost import CostMeter, cost_table, write_cost
-from gpvo.evaluation.loading import load_poses
-from gpvo.evaluation.machine import machine_text
-from gpvo.evaluation.table_formats import to_rich
-from gpvo.folders import make_folder
+from gpvo.evaluation.poses.load import load_poses
+from gpvo.evaluation.report.machine import machine_text
+from gpvo.evaluation.report.paper_tables import evaluation_tables
+from gpvo.evaluation.report.result_folder import make_folder
+from gpvo.evaluation.report.run_time import CostMeter, cost_table, write_cost
+from gpvo.evaluation.report.table import to_rich
 from gpvo.live_file import LiveFile
 from gpvo.odometry import ClusterReport, Odometry
 from gpvo.progress import RunProgress
@@ -62,7 +63,8 @@ def run_and_write(
     console.print(to_rich(cost_table({"gpvo": cost})))
     console.print(machine_text(cost.machine), style="dim", highlight=False)
     if evaluation is not None:
-        console.print(evaluation)
+        for table in evaluation_tables(evaluation):
+            console.print(to_rich(table))
     console.print(f"results: {folder}")
 
 

@@ -1,13 +1,13 @@
 """How good an estimate is: the paper's errors, evo's numbers, tables, plots and reports."""
 
-from gpvo.evaluation.alignment import Alignment, find_alignment
 from gpvo.evaluation.evaluate import Evaluation, common_stamps, evaluate
-from gpvo.evaluation.paper import err, global_error, relative_error
-from gpvo.evaluation.trajectory_error import (
+from gpvo.evaluation.metrics.alignment import Alignment, find_alignment
+from gpvo.evaluation.metrics.ate_rpe import (
     TrajectoryError,
     absolute_trajectory_error,
     relative_pose_error,
 )
+from gpvo.evaluation.metrics.paper_errors import err, global_error, relative_error
 
 __all__ = [
     "Alignment",

@@ -10,11 +10,11 @@ from rich.console import Console
 
 from gpvo.errors import InputError
 from gpvo.evaluation.comparison import Comparison, compare
-from gpvo.evaluation.cost import read_cost
+from gpvo.evaluation.poses.find import SequenceSources, find_sources
 from gpvo.evaluation.protocol import Contender, Protocol
-from gpvo.evaluation.sources import SequenceSources, find_sources
-from gpvo.evaluation.table_formats import to_rich
-from gpvo.folders import make_folder
+from gpvo.evaluation.report.result_folder import make_folder
+from gpvo.evaluation.report.run_time import read_cost
+from gpvo.evaluation.report.table import to_rich
 
 
 def evaluate_command(
@@ -58,7 +58,7 @@ def evaluate_command(
         comparisons.append(compare(sources.name, contenders, protocol))
         print_comparison(comparisons[-1], console)
     if output is not None:
-        from gpvo.evaluation.report import write_report  # matplotlib is slow to import
+        from gpvo.evaluation.report.report import write_report  # matplotlib is slow to import
 
         write_report(output, comparisons)
         console.print(f"report: {output / 'report.html'}")

@@ -10,21 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.lie import se3_inverse
-from gpvo.evaluation.association import common_part
-from gpvo.evaluation.continuous import ContinuousPoses
-from gpvo.evaluation.cost import Cost, cost_table
 from gpvo.evaluation.evaluate import Evaluation, common_stamps, evaluate
-from gpvo.evaluation.machine import machine_text
-from gpvo.evaluation.offsets import find_body_offset, find_time_offset
+from gpvo.evaluation.metrics.association import common_part
+from gpvo.evaluation.metrics.frame_and_clock_offsets import find_body_offset, find_time_offset
+from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.protocol import STEP, Contender, Protocol
-from gpvo.evaluation.stretches import Stretch, weak_stretches
-from gpvo.evaluation.tables import (
+from gpvo.evaluation.report.machine import machine_text
+from gpvo.evaluation.report.paper_tables import (
     ErrorRow,
-    ResultTable,
     global_error_table,
     relative_error_table,
     summary_table,
 )
+from gpvo.evaluation.report.run_time import Cost, cost_table
+from gpvo.evaluation.report.table import ResultTable
+from gpvo.evaluation.report.weak_stretches import Stretch, weak_stretches
 from gpvo.trajectory.stamped_poses import StampedPoses
 
 STRANGE_ROTATION = 0.35

@@ -8,31 +8,23 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from rich.console import Group
 
-from gpvo.evaluation.alignment import AlignmentMethod, first_pose_alignment
-from gpvo.evaluation.association import common_interval, common_part
-from gpvo.evaluation.gp_interpolation import interpolate_by_gp
-from gpvo.evaluation.paper import (
+from gpvo.evaluation.metrics.alignment import AlignmentMethod, first_pose_alignment
+from gpvo.evaluation.metrics.association import common_interval, common_part
+from gpvo.evaluation.metrics.ate_rpe import (
+    TrajectoryError,
+    absolute_trajectory_error,
+    pose_progress,
+    relative_pose_error,
+)
+from gpvo.evaluation.metrics.gp_interpolation import interpolate_by_gp
+from gpvo.evaluation.metrics.kitti_segments import SegmentError, segment_errors
+from gpvo.evaluation.metrics.paper_errors import (
     FrameTransform,
     PoseErrors,
     global_error,
     motion_integrals,
     relative_error,
-)
-from gpvo.evaluation.segments import SegmentError, segment_errors
-from gpvo.evaluation.table_formats import to_rich
-from gpvo.evaluation.tables import (
-    ErrorRow,
-    global_error_table,
-    relative_error_table,
-    summary_table,
-)
-from gpvo.evaluation.trajectory_error import (
-    TrajectoryError,
-    absolute_trajectory_error,
-    pose_progress,
-    relative_pose_error,
 )
 from gpvo.trajectory.stamped_poses import StampedPoses, seconds_text
 
@@ -43,7 +35,7 @@ ATE_ALIGNMENTS: tuple[AlignmentMethod, ...] = ("se3", "sim3", "yaw", "first", "n
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """The errors of one estimate; prints as tables with rich, saves as JSON.
+    """The errors of one estimate; `evaluation_tables` prints them, `to_json` saves them.
 
     Attributes
     ----------
@@ -111,11 +103,6 @@ class Evaluation:
     def to_json(self) -> str:
         """The numbers as indented JSON."""
         return json.dumps(self.to_dict(), indent=2) + "\n"
-
-    def __rich__(self) -> Group:
-        rows = [ErrorRow.of(self)]
-        tables = (global_error_table(rows), relative_error_table(rows), summary_table([self]))
-        return Group(*map(to_rich, tables))
 
 
 def evaluate(

@@ -9,11 +9,11 @@ from typing import Literal
 import numpy as np
 
 from gpvo.errors import InputError
-from gpvo.evaluation.association import associate, resample, tolerance_for
-from gpvo.evaluation.continuous import ContinuousPoses
-from gpvo.evaluation.cost import Cost
 from gpvo.evaluation.evaluate import Interpolation
-from gpvo.evaluation.paper import FrameTransform
+from gpvo.evaluation.metrics.association import associate, resample, tolerance_for
+from gpvo.evaluation.metrics.paper_errors import FrameTransform
+from gpvo.evaluation.poses.continuous import ContinuousPoses
+from gpvo.evaluation.report.run_time import Cost
 from gpvo.trajectory.stamped_poses import StampedPoses
 
 Association = Literal["nearest", "interpolated"]

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from benchmarks.mvsec import CALIBRATION, SPANS_NS, main
 from gpvo.errors import InputError
-from gpvo.evaluation.continuous import ContinuousPoses
+from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.simulation.recording import SimulatedRecording
 from gpvo.trajectory.stamped_poses import StampedPoses
 from gpvo.trajectory.trajectory import Trajectory

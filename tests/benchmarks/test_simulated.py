@@ -21,7 +21,7 @@ from benchmarks.simulated_summary import (
     write_summary,
 )
 from gpvo.errors import InputError
-from gpvo.evaluation.cost import Cost
+from gpvo.evaluation.report.run_time import Cost
 from gpvo.simulation.recording import SimulationConfig
 from gpvo.trajectory.stamped_poses import StampedPoses
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gpvo import Configuration, Odometry, open_recording
-from gpvo.evaluation.loading import load_poses
+from gpvo.evaluation.poses.load import load_poses
 from gpvo.results import evaluate_trajectory
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.consistency import mean_nees_interval, nees
 from gpvo.estimator.estimator import make_estimator
+from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
 from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.trajectory.covariance_knots import CovarianceKnots
 

@@ -17,7 +17,6 @@ from test_robustness import behind_the_camera, outliers, run
 from factors import InterpolatedStereoFactor, WnoaPriorFactor, wnoa_covariance
 from factors.lie import se3_inverse, se3_log
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.consistency import mean_nees_interval, nees
 from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.estimator.gaussian import IndeterminateError, Quadratic
 from gpvo.estimator.lag_window import LagWindow, Sensor, new_times
@@ -25,6 +24,7 @@ from gpvo.estimator.marginal_prior import MarginalPrior
 from gpvo.estimator.robust import RobustLoss
 from gpvo.estimator.unique_times import bridge_covariance
 from gpvo.estimator.window_cost import Columns, Variables, WindowCost
+from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
 from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.states import States

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from factors.lie import se3_inverse
 from gpvo.errors import InputError
-from gpvo.evaluation.alignment import Alignment, find_alignment
-from gpvo.evaluation.association import associate, nearest_indices, resample, tolerance_for
-from gpvo.evaluation.offsets import find_body_offset, find_time_offset
+from gpvo.evaluation.metrics.alignment import Alignment, find_alignment
+from gpvo.evaluation.metrics.association import associate, nearest_indices, resample, tolerance_for
+from gpvo.evaluation.metrics.frame_and_clock_offsets import find_body_offset, find_time_offset
 from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
 
 seeds = st.integers(0, 10_000)

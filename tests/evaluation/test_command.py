@@ -14,11 +14,11 @@ from gpvo.cli import app
 from gpvo.errors import InputError
 from gpvo.evaluation.command import evaluate_command, parse_competitor
 from gpvo.evaluation.comparison import compare
-from gpvo.evaluation.continuous import ContinuousPoses
-from gpvo.evaluation.cost import CostMeter, write_cost
-from gpvo.evaluation.gp_interpolation import most_probable_velocities
+from gpvo.evaluation.metrics.gp_interpolation import most_probable_velocities
+from gpvo.evaluation.poses.continuous import ContinuousPoses
+from gpvo.evaluation.poses.find import find_sources
 from gpvo.evaluation.protocol import Contender, Protocol
-from gpvo.evaluation.sources import find_sources
+from gpvo.evaluation.report.run_time import CostMeter, write_cost
 from gpvo.trajectory.stamped_poses import StampedPoses
 from gpvo.trajectory.trajectory import Trajectory
 from gpvo.trajectory.tum import write_tum

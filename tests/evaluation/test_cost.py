@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from gpvo.errors import InputError
-from gpvo.evaluation.cost import (
+from gpvo.evaluation.report.machine import machine, machine_text
+from gpvo.evaluation.report.run_time import (
     Cost,
     CostMeter,
     cost_table,
@@ -17,7 +18,6 @@ from gpvo.evaluation.cost import (
     total_cost,
     write_cost,
 )
-from gpvo.evaluation.machine import machine, machine_text
 
 
 def test_stages_add_up_within_the_total():

@@ -9,9 +9,9 @@ from rich.console import Console
 
 from gpvo.errors import InputError
 from gpvo.evaluation import common_stamps, evaluate
-from gpvo.evaluation.paper import COMPONENTS, PaperStatistics
-from gpvo.evaluation.table_formats import to_html, to_latex, to_markdown, to_rich
-from gpvo.evaluation.tables import Cell, ErrorRow, ResultTable, global_error_table
+from gpvo.evaluation.metrics.paper_errors import COMPONENTS, PaperStatistics
+from gpvo.evaluation.report.paper_tables import ErrorRow, evaluation_tables, global_error_table
+from gpvo.evaluation.report.table import Cell, ResultTable, to_html, to_latex, to_markdown, to_rich
 from gpvo.trajectory.stamped_poses import StampedPoses
 from gpvo.trajectory.tum import read_tum
 
@@ -85,9 +85,10 @@ def test_json_holds_what_the_evaluation_holds(random_walk):
     assert evaluation.to_json() == evaluate(random_walk(1), random_walk(2), name="ours").to_json()
 
 
-def test_an_evaluation_prints_itself_in_eighty_columns(random_walk):
+def test_an_evaluation_prints_in_eighty_columns(random_walk):
     output = StringIO()
-    Console(width=80, file=output).print(evaluate(random_walk(1), random_walk(2), name="my [one]"))
+    evaluation = evaluate(random_walk(1), random_walk(2), name="my [one]")
+    Console(width=80, file=output).print(*map(to_rich, evaluation_tables(evaluation)))
     text = output.getvalue()
     assert "my [one]" in text
     assert "…" not in text

@@ -12,7 +12,7 @@ from evo.core.trajectory import PoseTrajectory3D
 from evo.tools import file_interface
 
 from gpvo.evaluation import absolute_trajectory_error, find_alignment, relative_pose_error
-from gpvo.evaluation.association import associate, resample
+from gpvo.evaluation.metrics.association import associate, resample
 from gpvo.trajectory.stamped_poses import StampedPoses
 from gpvo.trajectory.tum import read_tum
 

@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 from factors.lie import se3_exp
 from factors.wnoa import wnoa_error, wnoa_information
 from gpvo.errors import InputError
-from gpvo.evaluation.gp_interpolation import interpolate_by_gp, most_probable_velocities
+from gpvo.evaluation.metrics.gp_interpolation import interpolate_by_gp, most_probable_velocities
 from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
 
 

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
-from gpvo.evaluation.loading import load_poses
+from gpvo.evaluation.poses.load import load_poses
 from gpvo.trajectory.tum import write_tum
 
 

@@ -8,7 +8,7 @@ from scipy.linalg import logm
 from scipy.spatial.transform import Rotation
 
 from factors.lie import se3_inverse
-from gpvo.evaluation.paper import (
+from gpvo.evaluation.metrics.paper_errors import (
     COMPONENTS,
     err,
     from_first_pose,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gpvo.evaluation import evaluate
-from gpvo.evaluation.plots import (
+from gpvo.evaluation.report.plots import (
     error_figure,
     path_figure,
     path_figure_3d,
@@ -12,7 +12,7 @@ from gpvo.evaluation.plots import (
     save_figure,
     series_figure,
 )
-from gpvo.evaluation.stretches import Stretch
+from gpvo.evaluation.report.weak_stretches import Stretch
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gpvo.evaluation.stretches import weak_stretches
+from gpvo.evaluation.report.weak_stretches import weak_stretches
 from gpvo.trajectory.trajectory import Trajectory
 
 START_NS = 5_000_000_000

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from gpvo.errors import InputError
-from gpvo.evaluation.segments import KITTI_LENGTHS, segment_errors
-from gpvo.evaluation.statistics import Statistics
-from gpvo.evaluation.trajectory_error import pose_pairs, relative_pose_error
+from gpvo.evaluation.metrics.ate_rpe import pose_pairs, relative_pose_error
+from gpvo.evaluation.metrics.kitti_segments import KITTI_LENGTHS, segment_errors
+from gpvo.evaluation.metrics.statistics import Statistics
 from gpvo.trajectory.stamped_poses import StampedPoses
 
 

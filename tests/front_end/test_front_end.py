@@ -7,9 +7,9 @@ import pytest
 
 from gpvo import Odometry
 from gpvo.config.stages import Configuration, TrackingConfig
+from gpvo.evaluation.front_end.inspect import inspect
+from gpvo.evaluation.front_end.truth import truth_of_simulation
 from gpvo.events.clustering import StereoCluster
-from gpvo.inspection import inspect
-from gpvo.inspection_truth import truth_of_simulation
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.tracker import make_tracker

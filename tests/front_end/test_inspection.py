@@ -16,11 +16,17 @@ from factors.stereo import StereoCamera
 from gpvo.cli import app
 from gpvo.config.stages import Configuration, KltConfig, TrackingConfig
 from gpvo.errors import InputError
-from gpvo.inspection import AGREEMENT, InspectedCluster, JudgedTracklets, inspect, judge
+from gpvo.evaluation.front_end.inspect import (
+    AGREEMENT,
+    InspectedCluster,
+    JudgedTracklets,
+    inspect,
+    judge,
+)
+from gpvo.evaluation.front_end.report import FILES, tracklet_strip
+from gpvo.evaluation.front_end.summary import flow_slopes, summarize
+from gpvo.evaluation.front_end.truth import Truth, truth_of_poses, truth_of_simulation
 from gpvo.inspection_command import inspect_command
-from gpvo.inspection_report import FILES, tracklet_strip
-from gpvo.inspection_summary import flow_slopes, summarize
-from gpvo.inspection_truth import Truth, truth_of_poses, truth_of_simulation
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.stamped_poses import StampedPoses

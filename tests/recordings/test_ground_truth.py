@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from test_calibrations import T_RIGHT_LEFT, basalt, dsec, reference, turned
 
 from gpvo.errors import InputError
-from gpvo.evaluation.loading import load_poses
+from gpvo.evaluation.poses.load import load_poses
 from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.trajectory.stamped_poses import StampedPoses
 

@@ -10,9 +10,9 @@ import h5py
 import numpy as np
 
 from gpvo.errors import InputError
-from gpvo.evaluation.body_frames import body_to_left, raw_to_rectified
-from gpvo.evaluation.continuous import ContinuousPoses
-from gpvo.evaluation.rosbag import read_pose_bag
+from gpvo.evaluation.poses.body_frames import body_to_left, raw_to_rectified
+from gpvo.evaluation.poses.continuous import ContinuousPoses
+from gpvo.evaluation.poses.rosbag import read_pose_bag
 from gpvo.recordings.bags.rosbag1 import RosBag1, is_rosbag1
 from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.trajectory.stamped_poses import StampedPoses

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,11 +17,9 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from numpy.typing import ArrayLike
 
 from factors.lie import se3_inverse
-from gpvo.evaluation.stretches import Stretch
+from gpvo.evaluation.evaluate import Evaluation
+from gpvo.evaluation.report.weak_stretches import Stretch
 from gpvo.trajectory.stamped_poses import StampedPoses
-
-if TYPE_CHECKING:
-    from gpvo.evaluation.evaluate import Evaluation
 
 TRUTH_COLOUR = "#555555"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")

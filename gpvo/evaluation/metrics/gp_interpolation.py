@@ -12,7 +12,7 @@ from scipy.linalg import solveh_banded
 
 from factors.interpolation import interpolate
 from factors.lie import se3_log, se3_right_jacobian_inverse
-from gpvo.evaluation.paper import steps
+from gpvo.evaluation.metrics.paper_errors import steps
 from gpvo.trajectory.stamped_poses import StampedPoses
 
 

@@ -13,9 +13,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.table import Table
 
-from gpvo.evaluation.plots import COLOURS, new_figure, save_figure, series_figure, shared_legend
-from gpvo.inspection import SLOPE_AGREEMENT, InspectedCluster
-from gpvo.inspection_summary import Numbers, pooled, velocity_errors
+from gpvo.evaluation.front_end.inspect import SLOPE_AGREEMENT, InspectedCluster
+from gpvo.evaluation.front_end.summary import Numbers, pooled, velocity_errors
+from gpvo.evaluation.report.plots import (
+    COLOURS,
+    new_figure,
+    save_figure,
+    series_figure,
+    shared_legend,
+)
 
 FILES = ("inspection.json", "counts.png", "flow.png", "errors.png", "velocity.png", "tracklets.png")
 

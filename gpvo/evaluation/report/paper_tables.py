@@ -5,36 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
-from typing import TYPE_CHECKING
 
-from gpvo.evaluation.paper import COMPONENTS, Component, PaperStatistics
-
-if TYPE_CHECKING:
-    from gpvo.evaluation.evaluate import Evaluation
+from gpvo.evaluation.evaluate import Evaluation
+from gpvo.evaluation.metrics.paper_errors import COMPONENTS, Component, PaperStatistics
+from gpvo.evaluation.report.table import Cell, ResultTable
 
 COMPONENT_LABELS: dict[Component, str] = {
     "translation": "tran. (m)",
     "rotation": "rota. (rad)",
     "se3": "SE(3)",
 }
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A table's entry; the best of its kind is set in bold."""
-
-    text: str
-    best: bool = False
-
-
-@dataclass(frozen=True)
-class ResultTable:
-    """Headings and rows; lines are drawn after every `group` rows."""
-
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    group: int = 1
 
 
 @dataclass(frozen=True)
@@ -85,6 +65,12 @@ RELATIVE_COLUMNS: tuple[Column, ...] = (
     ("RMS", lambda numbers: numbers.rms, thousandths),
     ("st. dev.", lambda numbers: numbers.std, thousandths),
 )
+
+
+def evaluation_tables(evaluation: Evaluation) -> list[ResultTable]:
+    """One estimate's rows of the paper's tables, and its summary."""
+    rows = [ErrorRow.of(evaluation)]
+    return [global_error_table(rows), relative_error_table(rows), summary_table([evaluation])]
 
 
 def global_error_table(rows: Sequence[ErrorRow], sequence: str = "") -> ResultTable:

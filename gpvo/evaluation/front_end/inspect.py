@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from factors.stereo import StereoCamera
 from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
+from gpvo.evaluation.front_end.truth import Truth
 from gpvo.events.clustering import StereoCluster, cluster_events
 from gpvo.front_end import FrontEnd
-from gpvo.inspection_truth import Truth
 from gpvo.mc_ransac.fast import fast_mc_ransac
 from gpvo.mc_ransac.segments import Segments, segments_between
 from gpvo.recordings.base import Recording

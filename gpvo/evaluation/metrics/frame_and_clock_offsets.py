@@ -8,9 +8,9 @@ from scipy.optimize import least_squares, minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
-from gpvo.evaluation.alignment import nearest_rotation, umeyama_alignment
-from gpvo.evaluation.association import interval_text
-from gpvo.evaluation.trajectory_error import relative_motions, rotation_angles
+from gpvo.evaluation.metrics.alignment import nearest_rotation, umeyama_alignment
+from gpvo.evaluation.metrics.association import interval_text
+from gpvo.evaluation.metrics.ate_rpe import relative_motions, rotation_angles
 from gpvo.trajectory.stamped_poses import StampedPoses
 
 SAMPLE_NS = 5_000_000

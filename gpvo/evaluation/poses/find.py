@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gpvo.errors import InputError
-from gpvo.evaluation.loading import TRAJECTORY_NAMES, load_poses, split_topic
+from gpvo.evaluation.poses.load import TRAJECTORY_NAMES, load_poses, split_topic
 from gpvo.recordings.calibration.find import read_calibration
 from gpvo.trajectory.stamped_poses import StampedPoses
 

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from factors.lie import se3_inverse
 from gpvo.errors import InputError
-from gpvo.evaluation.alignment import Alignment, AlignmentMethod, find_alignment
-from gpvo.evaluation.statistics import Statistics
+from gpvo.evaluation.metrics.alignment import Alignment, AlignmentMethod, find_alignment
+from gpvo.evaluation.metrics.statistics import Statistics
 from gpvo.trajectory.stamped_poses import StampedPoses
 
 DeltaUnit = Literal["frames", "seconds", "metres"]

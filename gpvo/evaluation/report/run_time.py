@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from gpvo.errors import InputError
-from gpvo.evaluation.machine import machine
-from gpvo.evaluation.tables import Cell, ResultTable
+from gpvo.evaluation.report.machine import machine
+from gpvo.evaluation.report.table import Cell, ResultTable
 
 COST_FILE = "cost.json"
 """In a result folder; the one file there that no two runs share."""

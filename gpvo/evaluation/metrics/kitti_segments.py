@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.lie import se3_inverse
-from gpvo.evaluation.trajectory_error import pose_progress, relative_motions, rotation_angles
+from gpvo.evaluation.metrics.ate_rpe import pose_progress, relative_motions, rotation_angles
 from gpvo.trajectory.stamped_poses import StampedPoses
 
 KITTI_LENGTHS = tuple(range(100, 900, 100))

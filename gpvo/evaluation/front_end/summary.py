@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.inspection import SLOPE_AGREEMENT, InspectedCluster, JudgedTracklets
+from gpvo.evaluation.front_end.inspect import SLOPE_AGREEMENT, InspectedCluster, JudgedTracklets
 from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]

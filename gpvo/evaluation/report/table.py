@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from html import escape as escape_html
 
 from rich.console import JustifyMethod
 from rich.markup import escape as escape_rich
 from rich.table import Table
-
-from gpvo.evaluation.tables import Cell, ResultTable
 
 LATEX_PACKAGES = r"\usepackage{amsmath, booktabs}"
 
@@ -27,6 +26,24 @@ LATEX_SPECIAL = {
     "°": r"$^\circ$",
     "–": "--",
 }
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A table's entry; the best of its kind is set in bold."""
+
+    text: str
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class ResultTable:
+    """Headings and rows; lines are drawn after every `group` rows."""
+
+    title: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    group: int = 1
 
 
 def to_rich(table: ResultTable) -> Table:

@@ -1,0 +1,1 @@
+"""The front end held against the truth, stage by stage."""

@@ -1,0 +1,1 @@
+"""Tables, figures and pages for people; what a run cost and on which machine."""
