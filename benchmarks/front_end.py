@@ -20,11 +20,11 @@ from rich.table import Table
 
 from benchmarks.known_motion import KnownRecording, known_recordings, parse_options
 from gpvo import Odometry
+from gpvo.commands.result import evaluate_trajectory
 from gpvo.config.stages import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.front_end.inspect import inspect
 from gpvo.evaluation.front_end.summary import summarize
-from gpvo.results import evaluate_trajectory
 from gpvo.simulation.recording import SimulationConfig
 
 DEFAULT = "default"

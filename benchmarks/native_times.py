@@ -25,6 +25,7 @@ from rich.table import Table
 from benchmarks.known_motion import KnownRecording, known_recordings, parse_options
 from benchmarks.mc_ransac import frame_based_inliers
 from factors.stereo import StereoCamera
+from gpvo.commands.result import STEP, evaluate_trajectory
 from gpvo.config.stages import Configuration, McRansacConfig
 from gpvo.estimator.estimator import make_estimator
 from gpvo.evaluation import Evaluation, evaluate
@@ -33,7 +34,6 @@ from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
 from gpvo.mc_ransac.mc_ransac import mc_ransac
 from gpvo.mc_ransac.segments import Segments, segments_between
 from gpvo.recordings import Recording
-from gpvo.results import STEP, evaluate_trajectory
 from gpvo.simulation.recording import SimulationConfig
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.tracker import make_tracker

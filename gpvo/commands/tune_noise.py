@@ -1,20 +1,48 @@
-"""What `gpvo tune-noise` does: noise parameters learned from a recording and its true poses."""
+"""`gpvo tune-noise`: noise parameters learned from a recording and its true poses."""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated
+
 import numpy as np
+import typer
 import yaml
 
+from gpvo.commands.inputs import (
+    Calibration,
+    Config,
+    LeftTopic,
+    RightTopic,
+    configured,
+    load_ground_truth,
+)
 from gpvo.config.stages import Configuration, NoiseConfig
 from gpvo.estimator.diagnostics import Repair
 from gpvo.estimator.noise_learning import states_of_poses, tuned_noise
 from gpvo.events.clustering import cluster_events
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.odometry import Odometry
+from gpvo.recordings import open_recording
 from gpvo.recordings.base import Recording
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.stamped_poses import StampedPoses
 from gpvo.trajectory.states import States
+
+
+def tune_noise(
+    recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
+    ground_truth: Annotated[Path, typer.Option(help="True poses.")],
+    calibration: Calibration = None,
+    config: Config = None,
+    left_topic: LeftTopic = None,
+    right_topic: RightTopic = None,
+) -> None:
+    """Learn Q_c and R by maximum likelihood; print them as YAML for `--config`."""
+    opened = open_recording(recording, calibration, left_topic, right_topic)
+    truth = load_ground_truth(ground_truth, opened, calibration)
+    configuration = configured(config, None)
+    print(noise_text(tuned_on_recording(opened, truth, configuration)), end="")
 
 
 def tuned_on_recording(

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from run_files import RecordingFiles
 
-from gpvo.live_file import UNFINISHED
+from gpvo.commands.live_trajectory import UNFINISHED
 from gpvo.trajectory.tum import read_tum
 
-COMMAND = [sys.executable, "-c", "from gpvo.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from gpvo.commands.cli import main; main()"]
 
 
 @pytest.mark.parametrize("method", ["gauss_newton", "fixed_lag", "batch"])

@@ -14,7 +14,7 @@ import yaml
 from run_files import RecordingFiles
 
 from gpvo import Configuration
-from gpvo.cli import main
+from gpvo.commands.cli import main
 from gpvo.trajectory.tum import read_tum
 
 REPOSITORY = Path(__file__).resolve().parents[2]

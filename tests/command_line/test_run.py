@@ -15,7 +15,7 @@ import yaml
 from run_files import RecordingFiles
 
 from gpvo import Odometry, Trajectory, open_recording
-from gpvo.cli import main
+from gpvo.commands.cli import main
 from gpvo.config.yaml_file import load_configuration
 from gpvo.errors import InputError
 from gpvo.recordings import StereoEvents

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gpvo import Configuration, Odometry, open_recording
+from gpvo.commands.result import evaluate_trajectory
 from gpvo.evaluation.poses.load import load_poses
-from gpvo.results import evaluate_trajectory
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 CALIBRATION = SHARED / "recordings" / "camchain-imucam-indoor_flying.yaml"

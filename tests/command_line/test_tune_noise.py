@@ -10,10 +10,10 @@ import pytest
 from run_files import RecordingFiles
 
 from gpvo import open_recording
-from gpvo.cli import main
+from gpvo.commands.cli import main
+from gpvo.commands.inputs import load_ground_truth
 from gpvo.config.yaml_file import load_configuration
 from gpvo.estimator.noise_learning import acceleration_psd
-from gpvo.run_command import load_ground_truth
 
 
 def tune_noise(*arguments: str | Path) -> int:

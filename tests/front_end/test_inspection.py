@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 
 from factors.lie import se3_exp
 from factors.stereo import StereoCamera
-from gpvo.cli import app
+from gpvo.commands.cli import app
+from gpvo.commands.inspect import inspect_command
 from gpvo.config.stages import Configuration, KltConfig, TrackingConfig
 from gpvo.errors import InputError
 from gpvo.evaluation.front_end.inspect import (
@@ -26,7 +27,6 @@ from gpvo.evaluation.front_end.inspect import (
 from gpvo.evaluation.front_end.report import FILES, tracklet_strip
 from gpvo.evaluation.front_end.summary import flow_slopes, summarize
 from gpvo.evaluation.front_end.truth import Truth, truth_of_poses, truth_of_simulation
-from gpvo.inspection_command import inspect_command
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.stamped_poses import StampedPoses

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from reading import assert_recording_holds
 from typer.testing import CliRunner
 
-from gpvo.cli import app
+from gpvo.commands.cli import app
+from gpvo.commands.info import open_for_info, summarise
 from gpvo.errors import InputError
-from gpvo.info import open_for_info, summarise
 from gpvo.recordings import open_recording
 from gpvo.recordings.checks.clock_offset import clock_offset
 from gpvo.recordings.streams import EventBlock

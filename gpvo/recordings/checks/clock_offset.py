@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import correlate
 
 LONGEST_OFFSET = 2000
 """Milliseconds looked at, both ways."""
@@ -30,6 +29,8 @@ def clock_offset(left: NDArray[np.int64], right: NDArray[np.int64]) -> float | N
     left, right
         Numbers of events in every millisecond of the recording.
     """
+    from scipy.signal import correlate  # slow to import, and only `gpvo info` needs it
+
     length = min(len(left), len(right))
     a, b = _fluctuation(left[:length]), _fluctuation(right[:length])
     norm = np.linalg.norm(a) * np.linalg.norm(b)

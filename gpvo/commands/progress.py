@@ -1,8 +1,10 @@
-"""Progress of a run on the terminal."""
+"""Progress of a run, or of reading a recording, on the terminal."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 
 from rich.console import Console
@@ -50,3 +52,11 @@ class RunProgress:
         traceback: TracebackType | None,
     ) -> None:
         self._bar.stop()
+
+
+@contextmanager
+def reading_progress(console: Console, duration: float) -> Iterator[Callable[[float], None]]:
+    """A bar of recording time that vanishes at the end."""
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("reading", total=duration)
+        yield lambda seconds: bar.update(task, completed=seconds)

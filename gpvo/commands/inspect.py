@@ -1,23 +1,68 @@
-"""What `gpvo inspect` does."""
+"""`gpvo inspect`: the front end held against the truth."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 from rich.console import Console
 
+from gpvo.commands.inputs import (
+    Calibration,
+    Config,
+    GroundTruth,
+    LeftTopic,
+    Output,
+    RightTopic,
+    Seed,
+    check_start,
+    configured,
+    console,
+    load_ground_truth,
+)
 from gpvo.config.stages import Configuration
 from gpvo.config.yaml_file import configuration_text, load_fields
 from gpvo.errors import InputError
 from gpvo.evaluation.front_end.inspect import inspect
-from gpvo.evaluation.front_end.report import FILES, inspection_table, write_inspection
 from gpvo.evaluation.front_end.summary import summarize
-from gpvo.evaluation.front_end.truth import Truth, truth_of_simulation
+from gpvo.evaluation.front_end.truth import Truth, truth_of_poses, truth_of_simulation
 from gpvo.evaluation.report.result_folder import make_folder
-from gpvo.recordings import Recording
-from gpvo.run_command import check_start
+from gpvo.recordings import Recording, open_recording
 from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
+
+
+def inspect_front_end(
+    recording: Annotated[
+        Path, typer.Argument(help="Stereo event recording, or YAML fields of a simulation.")
+    ],
+    calibration: Calibration = None,
+    ground_truth: GroundTruth = None,
+    output: Output = None,
+    config: Config = None,
+    start: Annotated[float, typer.Option(min=0, help="Seconds to skip.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(min=0, help="Seconds to process.")] = None,
+    seed: Seed = None,
+    left_topic: LeftTopic = None,
+    right_topic: RightTopic = None,
+) -> None:
+    """Hold features, tracklets, times and MC-RANSAC against the truth: table, JSON, plots."""
+    is_simulation = recording.suffix in (".yaml", ".yml")
+    opened: Recording = (
+        simulated(recording)
+        if is_simulation
+        else open_recording(recording, calibration, left_topic, right_topic)
+    )
+    truth = None
+    if ground_truth is not None:
+        truth = truth_of_poses(
+            load_ground_truth(ground_truth, opened, calibration), opened.start_ns
+        )
+    configuration = configured(config, seed)
+    folder = output or Path("results") / recording.stem / "inspection"
+    span = (start, np.inf if duration is None else duration)
+    inspect_command(opened, truth, configuration, folder, console, *span)
 
 
 def simulated(path: Path) -> SimulatedRecording:
@@ -42,6 +87,9 @@ def inspect_command(
     duration: float = np.inf,
 ) -> None:
     """Inspect a recording; print the table and write everything into the folder."""
+    # matplotlib is slow to import
+    from gpvo.evaluation.front_end.report import FILES, inspection_table, write_inspection
+
     if truth is None:
         if not isinstance(recording, SimulatedRecording):
             raise InputError(f"{recording.path}: to be inspected needs --ground-truth FILE")

@@ -16,7 +16,6 @@ from gpvo.estimator.diagnostics import Repair
 from gpvo.evaluation import Evaluation, evaluate
 from gpvo.evaluation.evaluate import common_stamps
 from gpvo.evaluation.metrics.association import common_part
-from gpvo.evaluation.report.plots import error_figure, path_figure, save_figure, series_figure
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import COST_FILE
 from gpvo.evaluation.report.weak_stretches import weak_stretches
@@ -97,6 +96,14 @@ class Result:
         return table
 
     def _write_plots(self, folder: Path) -> None:
+        # matplotlib is slow to import
+        from gpvo.evaluation.report.plots import (
+            error_figure,
+            path_figure,
+            save_figure,
+            series_figure,
+        )
+
         middle = [0.5 * (report.start + report.stop) for report in self.reports]
         counts = {
             "tracklets": [report.tracklets for report in self.reports],

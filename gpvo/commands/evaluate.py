@@ -1,13 +1,16 @@
-"""What `gpvo eval` does: find the files, compare, print, write."""
+"""`gpvo eval`: find the files, compare, print, write."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated, Literal
 
+import typer
 from rich.console import Console
 
+from gpvo.commands.inputs import Calibration, GroundTruth, Output, console
 from gpvo.errors import InputError
 from gpvo.evaluation.comparison import Comparison, compare
 from gpvo.evaluation.poses.find import SequenceSources, find_sources
@@ -15,6 +18,44 @@ from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import read_cost
 from gpvo.evaluation.report.table import to_rich
+
+
+def evaluate(
+    estimate: Annotated[Path, typer.Argument(help="Result folder or file of poses.")],
+    ground_truth: GroundTruth = None,
+    against: Annotated[list[str] | None, typer.Option(help="Competitor as NAME=FILE.")] = None,
+    output: Output = None,
+    calibration: Calibration = None,
+    step: Annotated[
+        float | None, typer.Option(help="Compare every so many seconds, not at the states.")
+    ] = None,
+    truth_between: Annotated[
+        Literal["linear", "gp"], typer.Option(help="How the ground truth is interpolated.")
+    ] = "linear",
+    association: Annotated[
+        Literal["nearest", "interpolated"],
+        typer.Option(help="Which poses ATE, RPE and drift compare."),
+    ] = "nearest",
+    max_difference: Annotated[
+        float | None,
+        typer.Option(help="Seconds between associated poses; default 0.02, more for sparse truth."),
+    ] = None,
+    aligned_at: Annotated[
+        Literal["step", "first pose"], typer.Option(help="Frame of the relative error.")
+    ] = "step",
+    align_body: Annotated[
+        Literal["none", "rotation", "full"],
+        typer.Option(help="Remove a constant offset between the bodies compared."),
+    ] = "none",
+    align_time: Annotated[
+        bool, typer.Option("--align-time", help="Remove a constant offset between the clocks.")
+    ] = False,
+) -> None:
+    """Compare estimates with the ground truth: tables, plots, report."""
+    protocol = Protocol(
+        step, truth_between, association, max_difference, aligned_at, align_body, align_time
+    )
+    evaluate_command(estimate, ground_truth, against or (), output, protocol, calibration, console)
 
 
 def evaluate_command(

@@ -10,9 +10,9 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from factors.lie import se3_exp
-from gpvo.cli import app
+from gpvo.commands.cli import app
+from gpvo.commands.evaluate import evaluate_command, parse_competitor
 from gpvo.errors import InputError
-from gpvo.evaluation.command import evaluate_command, parse_competitor
 from gpvo.evaluation.comparison import compare
 from gpvo.evaluation.metrics.gp_interpolation import most_probable_velocities
 from gpvo.evaluation.poses.continuous import ContinuousPoses

@@ -1,4 +1,4 @@
-"""What a recording holds, and what is wrong with it: `gpvo info`."""
+"""`gpvo info`: what a recording holds, and what is wrong with it."""
 
 from __future__ import annotations
 
@@ -6,12 +6,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 from numpy.typing import NDArray
+from rich.console import Console
 from rich.table import Table
 
+from gpvo.commands.inputs import Calibration as CalibrationFile
+from gpvo.commands.inputs import LeftTopic, RightTopic, console
+from gpvo.commands.progress import reading_progress
 from gpvo.errors import InputError
+from gpvo.evaluation.poses.load import load_poses
 from gpvo.recordings.base import Events, Recording
 from gpvo.recordings.calibration.find import Calibration, MissingCalibrationError
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
@@ -31,6 +38,29 @@ GROUND_TRUTH = (
     "*odometry*/pose.bag",
 )
 """Names of ground truths, looked for beside the recording."""
+
+
+def info(
+    recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
+    calibration: CalibrationFile = None,
+    left_topic: LeftTopic = None,
+    right_topic: RightTopic = None,
+) -> None:
+    """Print what a recording holds: sensor, events, calibration, ground truth, faults."""
+    info_command(recording, calibration, left_topic, right_topic, console)
+
+
+def info_command(
+    path: Path, calibration: Path | None, left: str | None, right: str | None, console: Console
+) -> None:
+    """Read a recording once and print what was found."""
+    recording, calibrated = open_for_info(path, calibration, left, right)
+    with reading_progress(console, recording.duration) as advance:
+        summary = summarise(recording, calibrated, advance)
+    for table in summary.tables():
+        console.print(table)
+    for warning in summary.warnings:
+        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
 
 
 @dataclass
@@ -184,8 +214,6 @@ def summarise(
 
 def ground_truths(recording: Recording) -> list[str]:
     """Ground truths beside a recording, each with its span or what is wrong with it."""
-    from gpvo.evaluation.poses.load import load_poses
-
     path = recording.path.absolute()
     folder = path if path.is_dir() else path.parent
     lines = []

@@ -1,26 +1,71 @@
-"""What `gpvo run` and `gpvo demo` do: estimate, print the tables, write the results."""
+"""`gpvo run` and `gpvo demo`: estimate, print the tables, write the results."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 from rich.console import Console
 
+from gpvo.commands.inputs import (
+    Calibration,
+    Config,
+    GroundTruth,
+    LeftTopic,
+    Output,
+    RightTopic,
+    Seed,
+    check_start,
+    configured,
+    console,
+    load_ground_truth,
+)
+from gpvo.commands.live_trajectory import LiveFile
+from gpvo.commands.progress import RunProgress
+from gpvo.commands.result import FILES, Result, evaluate_trajectory
 from gpvo.config.stages import Configuration
-from gpvo.errors import InputError
-from gpvo.evaluation.poses.load import load_poses
 from gpvo.evaluation.report.machine import machine_text
 from gpvo.evaluation.report.paper_tables import evaluation_tables
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import CostMeter, cost_table, write_cost
 from gpvo.evaluation.report.table import to_rich
-from gpvo.live_file import LiveFile
 from gpvo.odometry import ClusterReport, Odometry
-from gpvo.progress import RunProgress
-from gpvo.recordings import Recording
-from gpvo.results import FILES, Result, evaluate_trajectory
+from gpvo.recordings import Recording, open_recording
+from gpvo.simulation.recording import SimulationConfig, simulate
 from gpvo.trajectory.stamped_poses import StampedPoses
+
+
+def run(
+    recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
+    calibration: Calibration = None,
+    ground_truth: GroundTruth = None,
+    output: Output = None,
+    config: Config = None,
+    start: Annotated[float, typer.Option(min=0, help="Seconds to skip.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(min=0, help="Seconds to process.")] = None,
+    seed: Seed = None,
+    left_topic: LeftTopic = None,
+    right_topic: RightTopic = None,
+) -> None:
+    """Estimate the motion of a recording; write trajectory, metrics and plots."""
+    configuration = configured(config, seed)
+    opened = open_recording(recording, calibration, left_topic, right_topic)
+    truth = load_ground_truth(ground_truth, opened, calibration) if ground_truth else None
+    span = (start, np.inf if duration is None else duration)
+    folder = output or Path("results") / recording.stem
+    run_and_write(opened, configuration, folder, truth, console, *span)
+
+
+def demo(output: Output = None, seed: Seed = None) -> None:
+    """Simulate a few seconds of stereo events and estimate the motion."""
+    simulation = SimulationConfig(seed=1 if seed is None else seed, duration=2.0)
+    with console.status("simulating stereo events of a textured room"):
+        recording = simulate(simulation)
+    folder = output or Path("results") / "demo"
+    configuration = configured(None, seed)
+    run_and_write(recording, configuration, folder, recording.ground_truth, console)
 
 
 def run_and_write(
@@ -66,26 +111,3 @@ def run_and_write(
         for table in evaluation_tables(evaluation):
             console.print(to_rich(table))
     console.print(f"results: {folder}")
-
-
-def load_ground_truth(
-    path: Path, recording: Recording, calibration: Path | None = None
-) -> StampedPoses:
-    """Poses of the ground truth, checked to share time with the recording."""
-    beside = [place for place in (calibration, recording.path) if place is not None]
-    poses = load_poses(path, recording.rig, beside)
-    end_ns = recording.stamp_ns(recording.duration)
-    if poses.stamps_ns[-1] <= recording.start_ns or poses.stamps_ns[0] >= end_ns:
-        raise InputError(
-            f"{path}: its stamps, from {poses.stamps_ns[0] * 1e-9:.3f} s, have no time in common"
-            f" with {recording.path}, from {recording.start_ns * 1e-9:.3f} s"
-        )
-    return poses
-
-
-def check_start(recording: Recording, start: float) -> None:
-    """Raise InputError if there is nothing of the recording from `start` (seconds) on."""
-    if start >= recording.duration:
-        raise InputError(
-            f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"
-        )

@@ -1,0 +1,51 @@
+"""The command line; `gpvo --help` lists its commands."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from gpvo.commands.convert import convert_recording
+from gpvo.commands.evaluate import evaluate
+from gpvo.commands.info import info
+from gpvo.commands.inspect import inspect_front_end
+from gpvo.commands.run import demo, run
+from gpvo.commands.tune_noise import tune_noise
+from gpvo.config.stages import Configuration
+from gpvo.config.yaml_file import configuration_text
+from gpvo.errors import InputError
+
+BAD_INPUT = 2
+"""Exit status."""
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Continuous-time visual odometry for stereo event cameras.",
+)
+
+
+def main() -> None:
+    """Entry point; bad input is one line on stderr and exit status 2."""
+    try:
+        app()
+    except InputError as error:
+        print(f"gpvo: {error}", file=sys.stderr)
+        sys.exit(BAD_INPUT)
+
+
+def print_configuration() -> None:
+    """Print the default configuration with a description of every field."""
+    print(configuration_text(Configuration(), described=True), end="")
+
+
+app.command()(run)
+app.command()(demo)
+app.command(name="eval")(evaluate)
+app.command(name="tune-noise")(tune_noise)
+app.command(name="config")(print_configuration)
+app.command(name="inspect")(inspect_front_end)
+app.command()(info)
+app.command(name="convert")(convert_recording)

@@ -1,0 +1,52 @@
+"""`gpvo convert`: a recording written in another format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.console import Console
+
+from gpvo.commands.info import open_for_info
+from gpvo.commands.inputs import Calibration, LeftTopic, RightTopic, console
+from gpvo.commands.progress import reading_progress
+from gpvo.recordings.writing.convert import camchain_path, convert, kind_of
+
+
+def convert_recording(
+    recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
+    output: Annotated[Path, typer.Argument(help="File, or folder for DSEC.")],
+    to: Annotated[
+        Literal["mvsec", "dsec", "rosbag1", "mcap", "aedat4"] | None,
+        typer.Option(help="Format, where the ending of OUTPUT does not tell."),
+    ] = None,
+    calibration: Calibration = None,
+    left_topic: LeftTopic = None,
+    right_topic: RightTopic = None,
+) -> None:
+    """Write a recording in another format: the same events, and the calibration beside them."""
+    convert_command(recording, output, to, calibration, left_topic, right_topic, console)
+
+
+def convert_command(
+    path: Path,
+    output: Path,
+    kind: str | None,
+    calibration: Path | None,
+    left: str | None,
+    right: str | None,
+    console: Console,
+) -> None:
+    """Write a recording in another format and print how many events it has."""
+    kind = kind or kind_of(output)
+    recording, calibrated = open_for_info(path, calibration, left, right)
+    with reading_progress(console, recording.duration) as advance:
+        counts = convert(recording, output, kind, advance)
+    place = f"in {camchain_path(output, kind)}" if calibrated else "none found"
+    console.print(
+        f"{output} ({kind}): {counts[0]:,} left and {counts[1]:,} right events;"
+        f" calibration {place}",
+        soft_wrap=True,
+        highlight=False,
+    )

@@ -1,0 +1,59 @@
+"""What commands are given: their options, the configuration, the ground truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from gpvo.config.stages import Configuration
+from gpvo.config.yaml_file import load_configuration
+from gpvo.errors import InputError
+from gpvo.evaluation.poses.load import load_poses
+from gpvo.recordings.base import Recording
+from gpvo.trajectory.stamped_poses import StampedPoses
+
+console = Console()
+"""Where commands print."""
+
+Output = Annotated[Path | None, typer.Option(help="Folder for the results.")]
+Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all random choices.")]
+Calibration = Annotated[
+    Path | None,
+    typer.Option(help="kalibr, DSEC, basalt, CameraInfo, M3ED; if not in or beside it."),
+]
+Config = Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")]
+LeftTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the left camera.")]
+RightTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the right camera.")]
+GroundTruth = Annotated[Path | None, typer.Option(help="True poses: MVSEC HDF5, TUM, KITTI, bag.")]
+
+
+def configured(config: Path | None, seed: int | None) -> Configuration:
+    """The configuration of the file or the default one, with another seed if one is given."""
+    configuration = load_configuration(config) if config else Configuration()
+    return configuration if seed is None else configuration.model_copy(update={"seed": seed})
+
+
+def load_ground_truth(
+    path: Path, recording: Recording, calibration: Path | None = None
+) -> StampedPoses:
+    """Poses of the ground truth, checked to share time with the recording."""
+    beside = [place for place in (calibration, recording.path) if place is not None]
+    poses = load_poses(path, recording.rig, beside)
+    end_ns = recording.stamp_ns(recording.duration)
+    if poses.stamps_ns[-1] <= recording.start_ns or poses.stamps_ns[0] >= end_ns:
+        raise InputError(
+            f"{path}: its stamps, from {poses.stamps_ns[0] * 1e-9:.3f} s, have no time in common"
+            f" with {recording.path}, from {recording.start_ns * 1e-9:.3f} s"
+        )
+    return poses
+
+
+def check_start(recording: Recording, start: float) -> None:
+    """Raise InputError if there is nothing of the recording from `start` (seconds) on."""
+    if start >= recording.duration:
+        raise InputError(
+            f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"
+        )
