@@ -30,7 +30,7 @@ from factors import (
     WnoaPriorFactor,
     extrapolate,
 )
-from factors.jacobians import JacobianBlocks
+from factors.jacobian_blocks import JacobianBlocks
 from factors.lie import se3_inverse
 
 

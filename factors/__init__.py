@@ -4,10 +4,10 @@ from factors import lie
 from factors.constant_velocity import EuclideanVelocityFactor, ReprojectionVelocityFactor
 from factors.interpolated_stereo import InterpolatedStereoFactor
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
-from factors.optimize import optimize
+from factors.solver import optimize
 from factors.stereo import StereoCamera, StereoReprojectionFactor
-from factors.structureless import StructurelessStereoFactor
-from factors.tracklet import TrackletFactor
+from factors.structureless.multi_landmark import StructurelessStereoFactor
+from factors.structureless.tracklet import TrackletFactor
 from factors.wnoa import (
     WnoaPriorFactor,
     wnoa_covariance,

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_noise, power_spectral_density
-from factors.jacobians import JacobianBlocks
-from factors.kernels import Array, copy_columns_kernel, kernel, row_major_kernel
-from factors.local import (
+from factors.jacobian_blocks import JacobianBlocks
+from factors.kernels.local_variables import (
     EXACT,
     hermite_weights,
     interpolated_local_kernel,
@@ -18,6 +17,7 @@ from factors.local import (
     moved_kernel,
     rows_by_states_kernel,
 )
+from factors.kernels.se3 import Array, copy_columns_kernel, kernel, row_major_kernel
 from factors.stereo import StereoCamera, checked_measurement, reprojection_kernel
 
 _BLOCKS = JacobianBlocks(3, (6, 6, 6, 6, 3))

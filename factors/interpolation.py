@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_array, power_spectral_density
-from factors.kernels import Array, kernel
-from factors.local import (
+from factors.kernels.local_variables import (
     EXACT,
     hermite_weights,
     interpolated_local_kernel,
     local_state_kernel,
     moved_kernel,
 )
+from factors.kernels.se3 import Array, kernel
 from factors.wnoa import information_root, kronecker, whitening, wnoa_kernel
 
 

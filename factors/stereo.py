@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_noise, checked_vector
-from factors.jacobians import JacobianBlocks
-from factors.kernels import Array, copy_columns_kernel, kernel, row_major_kernel
+from factors.jacobian_blocks import JacobianBlocks
+from factors.kernels.se3 import Array, copy_columns_kernel, kernel, row_major_kernel
 
 _BLOCKS = JacobianBlocks(3, (6, 3))
 

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_duration, power_spectral_density
-from factors.jacobians import JacobianBlocks
-from factors.kernels import Array, copy_kernel, inner_kernel, kernel, row_major_kernel
-from factors.local import (
+from factors.jacobian_blocks import JacobianBlocks
+from factors.kernels.local_variables import (
     EXACT,
     FIRST_ORDER,
     local_blocks_kernel,
     local_jacobian_kernel,
     local_state_kernel,
 )
+from factors.kernels.se3 import Array, copy_kernel, inner_kernel, kernel, row_major_kernel
 
 _BLOCKS = JacobianBlocks(12, (6, 6, 6, 6))
 

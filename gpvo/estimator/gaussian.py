@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from factors.kernels import kernel
+from factors.kernels.se3 import kernel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels import Array, inner_kernel, kernel
+from factors.kernels.se3 import Array, inner_kernel, kernel
 
 Index = NDArray[np.int64]
 

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from factors.kernels import kernel
-from factors.local import (
+from factors.kernels.local_variables import (
     hermite_weights,
     interpolated_local_kernel,
     local_state_kernel,
     moved_kernel,
 )
+from factors.kernels.se3 import kernel
 from gpvo.estimator.graph_builder import SAME_TIME
 from gpvo.estimator.normal_kernels import add_bridge_kernel
 from gpvo.trajectory.states import States, bracket

@@ -9,15 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels import (
-    RIGHT,
-    Array,
-    inner_kernel,
-    jacobian_coefficients_kernel,
-    kernel,
-    polynomial_kernel,
-)
-from factors.local import (
+from factors.kernels.local_variables import (
     EXACT,
     hermite_weights,
     interpolated_local_kernel,
@@ -25,6 +17,14 @@ from factors.local import (
     local_state_kernel,
     moved_kernel,
     rows_by_states_kernel,
+)
+from factors.kernels.se3 import (
+    RIGHT,
+    Array,
+    inner_kernel,
+    jacobian_coefficients_kernel,
+    kernel,
+    polynomial_kernel,
 )
 from factors.stereo import reprojection_kernel
 from factors.wnoa import wnoa_kernel

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numba import njit
 from numpy.typing import NDArray
 
-from factors.losses import SQUARE, Loss, loss_kernel
+from factors.structureless.robust_losses import SQUARE, Loss, loss_kernel
 
 ESTIMATORS = gtsam.noiseModel.mEstimator
 KNOWN = [ESTIMATORS.Huber, ESTIMATORS.Cauchy, ESTIMATORS.GemanMcClure]

@@ -24,7 +24,7 @@ from factors import (
     optimize,
 )
 from factors.lie import se3_adjoint, se3_exp, se3_inverse
-from factors.structureless_kernels import root_kernel
+from factors.structureless.multi_landmark_kernels import root_kernel
 
 Array = NDArray[np.float64]
 Measured = tuple[Array, Array, NDArray[np.int64]]

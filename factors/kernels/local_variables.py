@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.kernels import (
+from factors.kernels.se3 import (
     LEFT,
     RIGHT,
     Array,

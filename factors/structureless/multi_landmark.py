@@ -14,12 +14,12 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from factors.bracketing_states import BracketingStates, checked_times
 from factors.checks import checked_noise, power_spectral_density
-from factors.kernels import Array
-from factors.landmarks import Landmarks, checked_measurements
+from factors.kernels.se3 import Array
 from factors.stereo import StereoCamera
-from factors.structureless_kernels import information_kernel, root_kernel
+from factors.structureless.bracketing_states import BracketingStates, checked_times
+from factors.structureless.fitted_landmarks import Landmarks, checked_measurements
+from factors.structureless.multi_landmark_kernels import information_kernel, root_kernel
 
 
 class StructurelessStereoFactor(gtsam.CustomFactor):

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import checked_array
-from factors.kernels import Array
-from factors.landmark_kernels import landmarks_kernel
-from factors.losses import Loss
+from factors.kernels.se3 import Array
 from factors.stereo import StereoCamera
+from factors.structureless.landmark_kernels import landmarks_kernel
+from factors.structureless.robust_losses import Loss
 
 _MAX_STEPS = 50
 _TOLERANCE = 1e-8  # of coordinates, in units of the focal length and of one over a metre

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.kernels import Array, inner_kernel, kernel
-from factors.landmark_kernels import Index, landmark_rows_kernel, pose_rows_kernel
-from factors.local import (
+from factors.kernels.local_variables import (
     EXACT,
     hermite_weights,
     interpolated_local_kernel,
@@ -14,6 +12,8 @@ from factors.local import (
     local_state_kernel,
     rows_by_states_kernel,
 )
+from factors.kernels.se3 import Array, inner_kernel, kernel
+from factors.structureless.landmark_kernels import Index, landmark_rows_kernel, pose_rows_kernel
 
 _ROUNDING = 1e-12  # pivots below this, of a unit diagonal, are made of rounding errors
 

@@ -10,9 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels import Array, exp_kernel, inner_kernel, kernel
-from factors.local import hermite_weights, interpolated_local_kernel, local_state_kernel
-from factors.losses import loss_kernel
+from factors.kernels.local_variables import (
+    hermite_weights,
+    interpolated_local_kernel,
+    local_state_kernel,
+)
+from factors.kernels.se3 import Array, exp_kernel, inner_kernel, kernel
+from factors.structureless.robust_losses import loss_kernel
 
 Index = NDArray[np.int64]
 

@@ -14,12 +14,12 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.bracketing_states import BracketingStates, checked_times
 from factors.checks import checked_noise, power_spectral_density
-from factors.kernels import Array
-from factors.landmarks import Landmarks, checked_measurements
+from factors.kernels.se3 import Array
 from factors.stereo import StereoCamera
-from factors.tracklet_kernels import eliminate_kernel, rows_kernel, states_rows_kernel
+from factors.structureless.bracketing_states import BracketingStates, checked_times
+from factors.structureless.fitted_landmarks import Landmarks, checked_measurements
+from factors.structureless.tracklet_kernels import eliminate_kernel, rows_kernel, states_rows_kernel
 
 
 class TrackletFactor(gtsam.CustomFactor):

@@ -1,0 +1,1 @@
+"""Factors of landmarks that are eliminated: many measurements, no landmark in the graph."""
