@@ -29,7 +29,7 @@ from gpvo.commands.result import STEP, evaluate_trajectory
 from gpvo.config.stages import Configuration, McRansacConfig
 from gpvo.estimator.estimator import make_estimator
 from gpvo.evaluation import Evaluation, evaluate
-from gpvo.events.clustering import EventImage, StereoCluster, cluster_events
+from gpvo.events.clustering import ClusterEvents, StereoCluster, cluster_events
 from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
 from gpvo.mc_ransac.mc_ransac import mc_ransac
 from gpvo.mc_ransac.segments import Segments, segments_between
@@ -95,8 +95,8 @@ def track(known: KnownRecording, image: str) -> Tracked:
     """Clusters and what the tracker sees in their images, once for all variants."""
     config = Configuration.model_validate(BASE)
     tracker = make_tracker(config.tracking.model_copy(update={"image": image}))
-    slabs = known.recording.slabs(known.start, known.start + known.duration)
-    clusters = cluster_events(slabs, known.recording.rig, config.clustering)
+    batches = known.recording.event_batches(known.start, known.start + known.duration)
+    clusters = cluster_events(batches, known.recording.rig, config.clustering)
     return [(cluster, tracker.track(cluster)) for cluster in clusters]
 
 
@@ -104,7 +104,7 @@ def grouped(cluster: StereoCluster) -> StereoCluster:
     """The cluster with all its events at its middle."""
     middle = 0.5 * (cluster.start + cluster.stop)
 
-    def flat(image: EventImage) -> EventImage:
+    def flat(image: ClusterEvents) -> ClusterEvents:
         surface = image.surface_of_active_events
         times = np.where(np.isfinite(surface), middle, surface)
         return replace(image, surface_of_active_events=times)
@@ -123,10 +123,10 @@ def run(recording: Recording, tracked: Tracked, variant: Variant) -> tuple[Traje
         tracklets.add(cluster, observations)
         earlier, later = tracklets.pairs(config.mc_ransac.span)
         landmarks = later.landmark
-        fit = fitted(segments_between(earlier, later), camera, config, variant.rejection, rng)
-        inliers = landmarks[fit.inliers] if fit is not None else landmarks[:0]
+        estimate = fitted(segments_between(earlier, later), camera, config, variant.rejection, rng)
+        inliers = landmarks[estimate.inliers] if estimate is not None else landmarks[:0]
         tracklets.reject(np.setdiff1d(landmarks, inliers))
-        estimator.update(frame, cluster.stop, tracklets.take(inliers), fit)
+        estimator.update(frame, cluster.stop, tracklets.take(inliers), estimate)
         counts.append(len(inliers))
     trajectory = estimator.trajectory(recording.start_ns)
     assert trajectory is not None, "nothing could be tracked"

@@ -1,6 +1,6 @@
 """Speed and memory of the readers: `python -m benchmarks.recordings`.
 
-Simulated noise is written in every format; each is read to the end by `slabs()` and by the
+Simulated noise is written in every format; each is read to the end by `event_batches()` and by the
 libraries that users have, side by side in one run. Times are CPU seconds of this process, the
 best of three, so that other work on the machine counts little; ratios are what to look at.
 
@@ -32,7 +32,7 @@ from gpvo.recordings.writing.convert import WRITERS
 
 SIZE = (346, 260)
 START_NS = 1_500_000_000_000_000_000
-SLAB_NS = 100_000_000
+BATCH_NS = 100_000_000
 NAMES = {
     "rosbag1": "a.bag",
     "mcap": "a.mcap",
@@ -44,18 +44,18 @@ DESERIALISED_SECONDS = 1.0
 """Seconds of recording that rosbags makes objects of; all of it would take minutes."""
 
 
-def slabs_of_noise(
+def batches_of_noise(
     seconds: float, rate: float, seed: int = 0
 ) -> Iterator[tuple[EventBlock, EventBlock]]:
     """Random events of both cameras, `rate` per second and camera."""
     rng = np.random.default_rng(seed)
-    count = int(rate * SLAB_NS / 1e9)
-    for number in range(round(seconds * 1e9 / SLAB_NS)):
-        yield tuple(_noise(rng, count, START_NS + number * SLAB_NS) for _ in range(2))  # type: ignore[misc]
+    count = int(rate * BATCH_NS / 1e9)
+    for number in range(round(seconds * 1e9 / BATCH_NS)):
+        yield tuple(_noise(rng, count, START_NS + number * BATCH_NS) for _ in range(2))  # type: ignore[misc]
 
 
 def _noise(rng: np.random.Generator, count: int, start_ns: int) -> EventBlock:
-    t_ns = start_ns + 1000 * np.sort(rng.integers(0, SLAB_NS // 1000, count))
+    t_ns = start_ns + 1000 * np.sort(rng.integers(0, BATCH_NS // 1000, count))
     x, y = (rng.integers(0, size, count).astype(np.uint16) for size in SIZE)
     return EventBlock(x, y, t_ns, rng.integers(0, 2, count).astype(bool))
 
@@ -63,7 +63,7 @@ def _noise(rng: np.random.Generator, count: int, start_ns: int) -> EventBlock:
 def write(kind: str, path: Path, seconds: float, rate: float) -> None:
     """Write noise in a format."""
     with WRITERS[kind](path, (SIZE, SIZE), START_NS) as writer:
-        for left, right in slabs_of_noise(seconds, rate):
+        for left, right in batches_of_noise(seconds, rate):
             writer.append(left, right)
 
 
@@ -75,9 +75,9 @@ def write_mvsec(path: Path, packed: Path, **packing: Any) -> None:
 
 
 def ours(path: Path) -> int:
-    """Read all slabs; the number of events."""
+    """Read all batches; the number of events."""
     recording = open_recording(path, UNKNOWN_RIG)
-    return sum(len(slab.left) + len(slab.right) for slab in recording.slabs())
+    return sum(len(batch.left) + len(batch.right) for batch in recording.event_batches())
 
 
 def rosbags_objects(path: Path) -> int:

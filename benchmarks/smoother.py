@@ -98,7 +98,7 @@ def tracklets_of(
     odometry, recorder = Odometry(recording.rig, configuration), Recorder()
     odometry.estimator = recorder
     clustering = odometry.configuration.clustering
-    stream = cluster_events(recording.slabs(), recording.rig, clustering)
+    stream = cluster_events(recording.event_batches(), recording.rig, clustering)
     for cluster in islice(stream, clusters):
         odometry.process(cluster)
     front_end = float(np.mean(np.diff(recorder.began)[WARM_UP:]))

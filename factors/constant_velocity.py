@@ -17,7 +17,7 @@ from factors.kernels.se3 import (
     exp_kernel,
     jacobian_coefficients_kernel,
     kernel,
-    polynomial_kernel,
+    se3_polynomial_kernel,
 )
 from factors.lie import skew
 from factors.stereo import StereoCamera, checked_measurement, reprojection_kernel
@@ -72,7 +72,7 @@ def _reprojection_kernel(
     xi = np.empty(6)
     for i in range(6):
         xi[i] = dt * velocity[i]
-    right = polynomial_kernel(xi, jacobian_coefficients_kernel(xi, RIGHT))
+    right = se3_polynomial_kernel(xi, jacobian_coefficients_kernel(xi, RIGHT))
     stereo = reprojection_kernel(exp_kernel(xi), point, measured, camera)
     result = np.zeros((3, 7))
     for i in range(3):

@@ -14,7 +14,7 @@ from factors.kernels.local_variables import (
     interpolated_local_kernel,
     local_jacobian_kernel,
     local_state_kernel,
-    moved_kernel,
+    retract_kernel,
     rows_by_states_kernel,
 )
 from factors.kernels.se3 import Array, copy_columns_kernel, kernel, row_major_kernel
@@ -48,7 +48,7 @@ def _linearized_kernel(
     local_j = local_state_kernel(T_i, row_major_kernel(T_j), v_j)
     local = interpolated_local_kernel(v_i, local_j, weights)
     T, v = np.empty((4, 4)), np.empty(6)
-    moved_kernel(T_i, local, T, v)
+    retract_kernel(T_i, local, T, v)
     stereo = reprojection_kernel(T, landmark, measured, camera)
     for i in range(3):
         error[i] = stereo[i, 9]

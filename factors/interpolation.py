@@ -16,7 +16,7 @@ from factors.kernels.local_variables import (
     hermite_weights,
     interpolated_local_kernel,
     local_state_kernel,
-    moved_kernel,
+    retract_kernel,
 )
 from factors.kernels.se3 import Array, kernel
 from factors.wnoa import information_root, kronecker, whitening, wnoa_kernel
@@ -123,7 +123,7 @@ def _moved(T_i: Array, local: Array) -> tuple[Array, Array]:
 @kernel
 def _moved_batch(T_i: Array, local: Array, T: Array, v: Array) -> None:
     for n in range(len(local)):
-        moved_kernel(T_i[n], local[n], T[n], v[n])
+        retract_kernel(T_i[n], local[n], T[n], v[n])
 
 
 def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, qc: Array) -> Array:

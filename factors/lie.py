@@ -19,7 +19,7 @@ from factors.kernels.se3 import (
     jacobian_coefficients_kernel,
     kernel,
     log_kernel,
-    polynomial_kernel,
+    se3_polynomial_kernel,
 )
 
 
@@ -105,7 +105,7 @@ def se3_left_jacobian(xi: ArrayLike) -> Array:
 @kernel
 def _left_jacobian_batch(twists: Array, jacobians: Array) -> None:
     for n in range(len(twists)):
-        jacobian = polynomial_kernel(twists[n], jacobian_coefficients_kernel(twists[n], LEFT))
+        jacobian = se3_polynomial_kernel(twists[n], jacobian_coefficients_kernel(twists[n], LEFT))
         copy_kernel(jacobian, jacobians[n])
 
 
@@ -125,7 +125,7 @@ def se3_left_jacobian_inverse(xi: ArrayLike) -> Array:
 @kernel
 def _left_jacobian_inverse_batch(twists: Array, inverses: Array) -> None:
     for n in range(len(twists)):
-        inverse = polynomial_kernel(twists[n], inverse_coefficients_kernel(twists[n], LEFT))
+        inverse = se3_polynomial_kernel(twists[n], inverse_coefficients_kernel(twists[n], LEFT))
         copy_kernel(inverse, inverses[n])
 
 

@@ -33,7 +33,7 @@ class TrackedCluster:
         Stereo observations that the tracker added.
     earlier, later
         The ends of the N tracklets that reach into the cluster and pass the filters.
-    fit
+    velocity_estimate
         MC-RANSAC's velocity; None if there is none.
     inliers
         (N,) bool, which tracklets the velocity explains.
@@ -44,7 +44,7 @@ class TrackedCluster:
     observations: Observations
     earlier: Measurements
     later: Measurements
-    fit: VelocityFit | None
+    velocity_estimate: VelocityFit | None
     inliers: NDArray[np.bool_]
     measurements: Measurements
 
@@ -89,8 +89,8 @@ class FrontEnd:
             earlier, later = self._tracklets.pairs(self._config.span)
         with self._stage("outlier rejection"):
             segments = segments_between(earlier, later)
-            fit = mc_ransac(segments, self.camera, self._information, self._config, self.rng)
-            inliers = np.zeros(len(later), bool) if fit is None else fit.inliers
+            estimate = mc_ransac(segments, self.camera, self._information, self._config, self.rng)
+            inliers = np.zeros(len(later), bool) if estimate is None else estimate.inliers
             self._tracklets.reject(later.landmark[~inliers])
             measurements = self._tracklets.take(later.landmark[inliers])
-        return TrackedCluster(observations, earlier, later, fit, inliers, measurements)
+        return TrackedCluster(observations, earlier, later, estimate, inliers, measurements)

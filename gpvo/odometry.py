@@ -97,8 +97,8 @@ class Odometry:
         InputError
             If the events are faulty, or no landmark could be tracked in any cluster.
         """
-        slabs = recording.slabs(start, start + duration)
-        clusters = cluster_events(slabs, self._rig, self.configuration.clustering)
+        batches = recording.event_batches(start, start + duration)
+        clusters = cluster_events(batches, self._rig, self.configuration.clustering)
         for cluster in prefetched(self._staged("events and clustering", clusters)):
             report = self.process(cluster)
             if progress is not None:
@@ -120,7 +120,7 @@ class Odometry:
         tracked = self._front_end.process(cluster)
         with self._stage("estimation"):
             self.estimator.update(
-                len(self.reports), cluster.stop, tracked.measurements, tracked.fit
+                len(self.reports), cluster.stop, tracked.measurements, tracked.velocity_estimate
             )
         self.reports.append(
             ClusterReport(

@@ -21,8 +21,8 @@ from factors.kernels.se3 import (
     log_kernel,
     multiply_kernel,
     polynomial_derivative_kernel,
-    polynomial_kernel,
     relative_kernel,
+    se3_polynomial_kernel,
 )
 
 EXACT, FIRST_ORDER = 1.0, 0.0
@@ -32,7 +32,7 @@ EXACT, FIRST_ORDER = 1.0, 0.0
 def local_state_kernel(T_i: Array, T_j: Array, v_j: Array) -> Array:
     """(12,) local variables around state i of state j, xi = Log(T_i^-1 T_j) and Jr(xi)^-1 v_j."""
     xi = log_kernel(relative_kernel(T_i, T_j))
-    inverse = polynomial_kernel(xi, inverse_coefficients_kernel(xi, RIGHT))
+    inverse = se3_polynomial_kernel(xi, inverse_coefficients_kernel(xi, RIGHT))
     local = np.zeros(12)
     for i in range(6):
         local[i] = xi[i]
@@ -52,10 +52,10 @@ def local_blocks_kernel(
     E_21 and E_23.
     """
     k = inverse_coefficients_kernel(local, LEFT)
-    left = polynomial_kernel(local, k)
+    left = se3_polynomial_kernel(local, k)
     for n in range(3):
         k[n, 0] = -k[n, 0]
-    right = polynomial_kernel(local, k)
+    right = se3_polynomial_kernel(local, k)
     for n in range(3):
         k[n, 1] *= higher
     rate_by_xi = polynomial_derivative_kernel(local, k, v_j)
@@ -108,10 +108,10 @@ def interpolated_local_kernel(v_i: Array, local_j: Array, weights: Array) -> Arr
 
 
 @inner_kernel
-def moved_kernel(T_i: Array, local: Array, T: Array, v: Array) -> None:
+def retract_kernel(T_i: Array, local: Array, T: Array, v: Array) -> None:
     """Write the pose T_i Exp(xi) and the twist Jr(xi) w of local variables (xi, w) around T_i."""
     step = exp_kernel(local)
-    jacobian = polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
+    jacobian = se3_polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
     for i in range(4):
         for j in range(4):
             T[i, j] = 0.0
@@ -126,7 +126,7 @@ def moved_kernel(T_i: Array, local: Array, T: Array, v: Array) -> None:
 @inner_kernel
 def backward_adjoint_kernel(local: Array) -> Array:
     """(6, 6) derivative of T_i Exp(xi) by T_i, xi fixed."""
-    return polynomial_kernel(local, adjoint_coefficients_kernel(local, RIGHT))
+    return se3_polynomial_kernel(local, adjoint_coefficients_kernel(local, RIGHT))
 
 
 @inner_kernel
@@ -137,7 +137,7 @@ def rows_by_states_kernel(
 
     That is rows[first : first + 3, :6] times the derivative of T_i Exp(xi) by both states.
     """
-    jacobian = polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
+    jacobian = se3_polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
     by_pose_i = backward_adjoint_kernel(local)
     result, by_xi = np.zeros((3, 24)), np.zeros((3, 6))
     for i in range(3):

@@ -93,7 +93,7 @@ def adjoint_coefficients_kernel(xi: Array, side: float) -> Array:
 
 
 @inner_kernel
-def polynomial_kernel(xi: Array, k: Array) -> Array:
+def se3_polynomial_kernel(xi: Array, k: Array) -> Array:
     """(6, 6) matrix 1 + p W + q W^2 of a twist, W^2 = phi phi^T - s, on dual numbers."""
     p, q = k[0, 0], k[0, 1]
     s = xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
@@ -161,9 +161,9 @@ def _add_cross_kernel(M: Array, p: float, dp: float, x: Array) -> None:
 def exp_kernel(xi: Array) -> Array:
     """(4, 4) transform of a twist."""
     k = adjoint_coefficients_kernel(xi, LEFT)
-    rotation = polynomial_kernel(xi, k)
+    rotation = se3_polynomial_kernel(xi, k)
     k = jacobian_coefficients_kernel(xi, LEFT)
-    jacobian = polynomial_kernel(xi, k)
+    jacobian = se3_polynomial_kernel(xi, k)
     T = np.zeros((4, 4))
     for i in range(3):
         for j in range(3):
@@ -178,7 +178,7 @@ def log_kernel(T: Array) -> Array:
     """(6,) twist of a transform, rotation angle at most pi."""
     xi = np.zeros(6)
     _rotation_log(T, xi)
-    inverse = polynomial_kernel(xi, inverse_coefficients_kernel(xi, LEFT))
+    inverse = se3_polynomial_kernel(xi, inverse_coefficients_kernel(xi, LEFT))
     for i in range(3):
         xi[3 + i] = inverse[i, 0] * T[0, 3] + inverse[i, 1] * T[1, 3] + inverse[i, 2] * T[2, 3]
     return xi

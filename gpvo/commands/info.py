@@ -197,10 +197,10 @@ def summarise(
         Called with the seconds read so far.
     """
     left, right = CameraEvents(), CameraEvents()
-    for slab in recording.slabs():
-        left.add(slab.left)
-        right.add(slab.right)
-        advance(slab.stop)
+    for batch in recording.event_batches():
+        left.add(batch.left)
+        right.add(batch.right)
+        advance(batch.stop)
     warnings = [*recording.notes, *recording.fault_lines()]
     offset = clock_offset(left.per_millisecond, right.per_millisecond)
     if offset is not None:

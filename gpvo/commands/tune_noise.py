@@ -51,7 +51,8 @@ def tuned_on_recording(
     """Noise parameters learned from a recording's inlier tracklets and its true poses."""
     odometry, recorder = Odometry(recording.rig, configuration), _Recorder()
     odometry.estimator = recorder
-    for cluster in cluster_events(recording.slabs(), recording.rig, configuration.clustering):
+    batches = recording.event_batches()
+    for cluster in cluster_events(batches, recording.rig, configuration.clustering):
         odometry.process(cluster)
     t = np.asarray((truth.stamps_ns - recording.start_ns) * 1e-9, np.float64)
     return tuned_noise(recorder.clusters, states_of_poses(t, truth.T_world_cam), odometry.camera)

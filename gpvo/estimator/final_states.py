@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.local_variables import hermite_weights, local_state_kernel, moved_kernel
+from factors.kernels.local_variables import hermite_weights, local_state_kernel, retract_kernel
 from factors.kernels.se3 import kernel
 from gpvo.trajectory.states import States
 
@@ -40,5 +40,5 @@ def _join_kernel(t: Array, T: Array, twist: Array, T_end: Array, twist_end: Arra
             for n in range(6):
                 local[6 * i + n] += weights[1, i, 0] * correction[n]
                 local[6 * i + n] += weights[1, i, 1] * correction[6 + n]
-        moved_kernel(T_start, local, T[k], twist[k])
+        retract_kernel(T_start, local, T[k], twist[k])
     T[last], twist[last] = T_end, twist_end

@@ -20,7 +20,7 @@ from factors.kernels.local_variables import (
     hermite_weights,
     interpolated_local_kernel,
     local_state_kernel,
-    moved_kernel,
+    retract_kernel,
 )
 from factors.kernels.se3 import kernel
 from gpvo.estimator.graph_builder import SAME_TIME
@@ -77,7 +77,7 @@ def _moved_states_kernel(
         local = interpolated_local_kernel(twist_key[i], local_j, weights)
         for m in range(12):
             local[m] += deviation[n, m]
-        moved_kernel(T_key[i], local, T[n], twist[n])
+        retract_kernel(T_key[i], local, T[n], twist[n])
 
 
 def bridge_covariance(times: Array, duration: float) -> Array:

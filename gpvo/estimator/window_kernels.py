@@ -15,7 +15,7 @@ from factors.kernels.local_variables import (
     interpolated_local_kernel,
     local_jacobian_kernel,
     local_state_kernel,
-    moved_kernel,
+    retract_kernel,
     rows_by_states_kernel,
 )
 from factors.kernels.se3 import (
@@ -24,7 +24,7 @@ from factors.kernels.se3 import (
     inner_kernel,
     jacobian_coefficients_kernel,
     kernel,
-    polynomial_kernel,
+    se3_polynomial_kernel,
 )
 from factors.stereo import reprojection_kernel
 from factors.wnoa import wnoa_kernel
@@ -59,7 +59,7 @@ def errors_kernel(
             local_j = local_state_kernel(T[i], T[i + 1], twist[i + 1])
             last = i
         weights = hermite_weights(time[n] - t[i], t[i + 1] - time[n])
-        moved_kernel(T[i], interpolated_local_kernel(twist[i], local_j, weights), pose, velocity)
+        retract_kernel(T[i], interpolated_local_kernel(twist[i], local_j, weights), pose, velocity)
         _write_point_kernel(T_world_chart[landmark[n]], coordinates[landmark[n]], point)
         stereo = reprojection_kernel(pose, point, measured[n], camera)
         result[n, 3] = 0.0
@@ -113,13 +113,13 @@ def stereo_kernel(
             last = i
         weights = hermite_weights(time[n] - t[i], t[j] - time[n])
         local = interpolated_local_kernel(twist[i], local_j, weights)
-        moved_kernel(T[i], local, pose, velocity)
+        retract_kernel(T[i], local, pose, velocity)
         chart, q = T_world_chart[landmark[n]], coordinates[landmark[n]]
         _write_point_kernel(chart, q, point)
         stereo = reprojection_kernel(pose, point, measured[n], camera)
         first = len(stereo) - 3
         by_states = rows_by_states_kernel(stereo, first, local, by_states_j, weights)
-        jacobian = polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
+        jacobian = se3_polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
         for r in range(3):
             result[n, r, 27] = whitening[r] * stereo[r, 9]
             for c in range(24):

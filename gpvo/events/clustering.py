@@ -48,7 +48,7 @@ class RectifiedEvents:
 
 
 @dataclass(frozen=True, eq=False)
-class EventImage:
+class ClusterEvents:
     """The events of one camera in one cluster, on the rectified pixel grid.
 
     Attributes
@@ -83,12 +83,12 @@ class StereoCluster:
 
     start: float
     stop: float
-    left: EventImage
-    right: EventImage
+    left: ClusterEvents
+    right: ClusterEvents
 
 
 def cluster_events(
-    slabs: Iterable[StereoEvents], rig: StereoRig, config: ClusteringConfig
+    batches: Iterable[StereoEvents], rig: StereoRig, config: ClusteringConfig
 ) -> Iterator[StereoCluster]:
     """Cut a stereo event stream into clusters.
 
@@ -99,7 +99,7 @@ def cluster_events(
 
     def cluster(start: float, stop: float) -> StereoCluster:
         images = [
-            event_image(events.between(start, stop), table, rig.resolution)
+            rectified_cluster(events.between(start, stop), table, rig.resolution)
             for events, table in zip((left, right), rig.tables, strict=True)
         ]
         return StereoCluster(start, stop, *images)
@@ -108,11 +108,11 @@ def cluster_events(
     filter_left = EventFilter(rig.left.resolution, config)
     filter_right = EventFilter(rig.right.resolution, config)
     start = end = None
-    for slab in slabs:
-        start, end = slab.start if start is None else start, slab.stop
-        left = Events.concatenate([left, filter_left(slab.left)])
-        right = Events.concatenate([right, filter_right(slab.right)])
-        while (stop := _cluster_end((left, right), rig, start, config)) <= slab.stop:
+    for batch in batches:
+        start, end = batch.start if start is None else start, batch.stop
+        left = Events.concatenate([left, filter_left(batch.left)])
+        right = Events.concatenate([right, filter_right(batch.right)])
+        while (stop := _cluster_end((left, right), rig, start, config)) <= batch.stop:
             yield cluster(start, stop)
             left, right = left.between(stop, np.inf), right.between(stop, np.inf)
             start = stop
@@ -140,9 +140,9 @@ def _cluster_end(
     return stop
 
 
-def event_image(
+def rectified_cluster(
     events: Events, table: NDArray[np.float32], resolution: tuple[int, int]
-) -> EventImage:
+) -> ClusterEvents:
     """Rectify events to the nearest pixel and keep the latest time of each pixel.
 
     `table` (height, width, 2) holds the rectified pixel of every raw pixel; `resolution` is
@@ -150,13 +150,13 @@ def event_image(
     """
     surface = np.full(resolution[::-1], -np.inf)
     _paint(surface, events.x, events.y, events.t, table)
-    return EventImage(surface, len(events), partial(rectify, events, table, resolution))
+    return ClusterEvents(surface, len(events), partial(rectify, events, table, resolution))
 
 
 def rectify(
     events: Events, table: NDArray[np.float32], resolution: tuple[int, int]
 ) -> RectifiedEvents:
-    """The events that rectification leaves in the image; arguments as of `event_image`."""
+    """The events that rectification leaves in the image; arguments as of `rectified_cluster`."""
     points, inside = np.empty((len(events), 2)), np.empty(len(events), np.bool_)
     _rectify(events.x, events.y, table, resolution, points, inside)
     return RectifiedEvents(points[inside], events.t[inside], events.polarity[inside])

@@ -14,7 +14,7 @@ LEAST_HOT = 20
 
 
 class EventFilter:
-    """Drops one camera's noise; remembers its pixels from slab to slab.
+    """Drops one camera's noise; remembers its pixels from batch to batch.
 
     Background activity: Delbruck, "Frame-free dynamic digital vision", 2008.
     """

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.se3 import LEFT, jacobian_coefficients_kernel, kernel, polynomial_kernel
+from factors.kernels.se3 import LEFT, jacobian_coefficients_kernel, kernel, se3_polynomial_kernel
 from factors.lie import se3_exp, se3_left_jacobian, skew
 from factors.stereo import StereoCamera
 from gpvo.config.stages import McRansacConfig
@@ -154,7 +154,7 @@ def normal_equations(
         error[2] = disparity - later[n, 2]
         _by_twist(by_twist, x, y, z, u, v, disparity)
         step = -dt[n] * velocity
-        jacobian = polynomial_kernel(step, jacobian_coefficients_kernel(step, LEFT))
+        jacobian = se3_polynomial_kernel(step, jacobian_coefficients_kernel(step, LEFT))
         by_velocity[:] = -dt[n] * (by_twist @ jacobian)
         weighted[:] = information @ by_velocity
         normal += weighted.T @ by_velocity

@@ -1,4 +1,4 @@
-"""Recordings: one reader per format, all giving the same events in the same slabs."""
+"""Recordings: one reader per format, all giving the same events in the same batches."""
 
 from gpvo.recordings.base import Events, Recording, StereoEvents
 from gpvo.recordings.calibration.find import read_calibration

@@ -1,4 +1,4 @@
-"""What every recording gives: a stereo rig and two event streams, read in step and in slabs."""
+"""What every recording gives: a stereo rig and two event streams, read in step and in batches."""
 
 from __future__ import annotations
 
@@ -99,15 +99,15 @@ class Recording(ABC):
     duration: float
 
     @abstractmethod
-    def slabs(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
-        """Yield consecutive slabs that together cover [start, stop) seconds.
+    def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
+        """Yield consecutive batches that together cover [start, stop) seconds.
 
-        Memory stays bounded: a slab is a fraction of a second. Left and right of a slab cover
-        the same interval, and slabs without events are yielded too, so that gaps are seen.
+        Memory stays bounded: a batch is a fraction of a second. Left and right of a batch cover
+        the same interval, and batches without events are yielded too, so that gaps are seen.
         """
 
     def fault_lines(self) -> list[str]:
-        """One line for each kind of fault in the slabs read last; their events were left out."""
+        """One line for each kind of fault in the batches read last; their events were left out."""
         return []
 
     def stamp_ns(self, t: float) -> int:

@@ -1,4 +1,4 @@
-"""A recording made of two event streams: common clock, checks, slabs in step."""
+"""A recording made of two event streams: common clock, checks, batches in step."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gpvo.recordings.calibration.rig import Camera, StereoRig
 from gpvo.recordings.calibration.unknown import LARGEST
 from gpvo.recordings.checks.clocks import common_clock
 from gpvo.recordings.checks.time_order import in_order
-from gpvo.recordings.slabs import stereo_slabs
+from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.streams import EventBlock, EventStream, Faults
 
 log = logging.getLogger("gpvo.recordings")
@@ -44,13 +44,13 @@ class StreamRecording(Recording):
         The calibrated rig.
     left, right
         The streams of both cameras.
-    slab_length
+    batch_length
         Seconds.
 
     Attributes
     ----------
     faults
-        Per camera, what was left out of the slabs read last and how often.
+        Per camera, what was left out of the batches read last and how often.
     notes
         What a user should know before trusting the recording, found when it was opened.
 
@@ -68,11 +68,11 @@ class StreamRecording(Recording):
         rig: StereoRig,
         left: EventStream,
         right: EventStream,
-        slab_length: float = 0.1,
+        batch_length: float = 0.1,
     ) -> None:
         self.path, self.format_name, self.rig = path, format_name, rig
         self.streams = {"left": left, "right": right}
-        self.slab_length = slab_length
+        self.batch_length = batch_length
         self.faults = {"left": Faults(), "right": Faults()}
         check_resolution(left, rig.left)
         check_resolution(right, rig.right)
@@ -87,17 +87,17 @@ class StreamRecording(Recording):
         for note in self.notes:
             log.warning("%s: %s", path, note)
 
-    def slabs(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
+    def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
         start = max(start, 0.0)
         stop = min(stop, float(np.nextafter(self.duration, np.inf)))
         self.faults = {"left": Faults(), "right": Faults()}
         left, right = self._events("left", start), self._events("right", start)
-        yield from stereo_slabs(left, right, start, stop, self.slab_length)
+        yield from stereo_batches(left, right, start, stop, self.batch_length)
         for line in self.fault_lines():
             log.warning("%s", line)
 
     def fault_lines(self) -> list[str]:
-        """One line for each kind of fault in the slabs read last."""
+        """One line for each kind of fault in the batches read last."""
         return [
             f"{self.streams[side].where}: {count} {kind}"
             for side, faults in self.faults.items()

@@ -15,7 +15,7 @@ from pydantic import Field
 from gpvo.config.stages import StageConfig
 from gpvo.recordings.base import Events, Recording, StereoEvents
 from gpvo.recordings.calibration.rig import Camera, StereoRig
-from gpvo.recordings.slabs import stereo_slabs
+from gpvo.recordings.event_batches import stereo_batches
 from gpvo.simulation.events import Sensor, frame_times, simulate_events
 from gpvo.simulation.motion import CORRIDOR_SPEED, Motion, MotionName
 from gpvo.simulation.mvsec import write_mvsec
@@ -31,7 +31,7 @@ GROUND_TRUTH_RATE = 200
 Size = Annotated[int, Field(ge=1, le=65535)]
 """A width or height, pixels; columns and rows are uint16."""
 
-_SLAB = 0.1
+_BATCH = 0.1
 
 
 class SimulationConfig(StageConfig):
@@ -116,10 +116,10 @@ class SimulatedRecording(Recording):
     motion: Motion
     scene: Scene
 
-    def slabs(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
+    def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
         start, stop = max(start, 0.0), min(stop, float(np.nextafter(self.duration, np.inf)))
         left, right = (iter([side.between(start, stop)]) for side in (self.left, self.right))
-        return stereo_slabs(left, right, start, stop, _SLAB)
+        return stereo_batches(left, right, start, stop, _BATCH)
 
     def write_mvsec(self, folder: Path) -> None:
         """Write NAME_data.hdf5, NAME_gt.hdf5 and camchain-NAME.yaml; NAME is the path's name."""

@@ -267,15 +267,15 @@ class TestBadInput:
         tmp_path: Path,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        slabs = MvsecRecording.slabs
+        batches = MvsecRecording.event_batches
 
         def interrupted(self: MvsecRecording, *interval: float) -> Iterator[StereoEvents]:
-            for slab in slabs(self, *interval):
-                if interval and slab.start > 0.3:
+            for batch in batches(self, *interval):
+                if interval and batch.start > 0.3:
                     raise InputError("row 9: time goes backwards")
-                yield slab
+                yield batch
 
-        monkeypatch.setattr(MvsecRecording, "slabs", interrupted)
+        monkeypatch.setattr(MvsecRecording, "event_batches", interrupted)
         (tmp_path / "trajectory.tum").write_text("1 0 0 0 0 0 0 1\n")
         code, _, error = gpvo(*recording.arguments(tmp_path))
         assert code == 2

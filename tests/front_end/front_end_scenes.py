@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from factors.lie import se3_exp
 from factors.stereo import StereoCamera
-from gpvo.events.clustering import EventImage, RectifiedEvents, StereoCluster
+from gpvo.events.clustering import ClusterEvents, RectifiedEvents, StereoCluster
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -163,17 +163,17 @@ class MovingPlane:
         return StereoCluster(FRAME * start, FRAME * stop, *sides)
 
 
-def image_of(events: RectifiedEvents) -> EventImage:
+def image_of(events: RectifiedEvents) -> ClusterEvents:
     """An event image that gives these events, too."""
     surface = np.full((HEIGHT, WIDTH), -np.inf)
     column, row = np.rint(events.points).astype(int).T
     np.maximum.at(surface, (row, column), events.t)
-    return EventImage(surface, len(events), lambda: events)
+    return ClusterEvents(surface, len(events), lambda: events)
 
 
 def cluster_of(left: Image, right: Image, start: float = 0.0) -> StereoCluster:
     """A cluster with events at `start` where the images are white."""
     surfaces = [np.where(image > 0, start, -np.inf) for image in (left, right)]
     return StereoCluster(
-        start, start + 0.1, *(EventImage(s, int(np.isfinite(s).sum())) for s in surfaces)
+        start, start + 0.1, *(ClusterEvents(s, int(np.isfinite(s).sum())) for s in surfaces)
     )

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gpvo.config.stages import ClusteringConfig
-from gpvo.events.clustering import StereoCluster, cluster_events, event_image
+from gpvo.events.clustering import StereoCluster, cluster_events, rectified_cluster
 from gpvo.recordings.base import Events, StereoEvents
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 
@@ -36,7 +36,7 @@ def random_stream(seed: int) -> tuple[Events, Events]:
     return left, right
 
 
-def slabs(left: Events, right: Events, cuts: list[float]) -> list[StereoEvents]:
+def event_batches(left: Events, right: Events, cuts: list[float]) -> list[StereoEvents]:
     edges = [0.0, *sorted(cuts), 1.0]
     return [StereoEvents(a, b, left.between(a, b), right.between(a, b)) for a, b in pairwise(edges)]
 
@@ -44,7 +44,7 @@ def slabs(left: Events, right: Events, cuts: list[float]) -> list[StereoEvents]:
 def clusters(
     left: Events, right: Events, cuts: list[float], config: ClusteringConfig
 ) -> list[StereoCluster]:
-    return list(cluster_events(slabs(left, right, cuts), RIG, config))
+    return list(cluster_events(event_batches(left, right, cuts), RIG, config))
 
 
 configs = st.builds(
@@ -92,7 +92,7 @@ def test_a_cluster_ends_by_time_or_by_the_count_of_either_camera(
 
 @given(seeds, cut_lists, configs)
 @settings(deadline=None, max_examples=40)
-def test_clusters_do_not_depend_on_the_slabs(
+def test_clusters_do_not_depend_on_the_batches(
     seed: int, cuts: list[float], config: ClusteringConfig
 ) -> None:
     left, right = random_stream(seed)
@@ -132,7 +132,7 @@ def test_surface_holds_the_latest_time_of_each_rectified_pixel(seed: int) -> Non
     pixel = row[inside].astype(int), column[inside].astype(int)
     np.maximum.at(expected, pixel, events.t[inside])
 
-    image = event_image(events, table, (WIDTH, HEIGHT))
+    image = rectified_cluster(events, table, (WIDTH, HEIGHT))
     np.testing.assert_array_equal(image.surface_of_active_events, expected)
     assert image.event_count == len(events)
     rectified = image.events()
@@ -149,5 +149,5 @@ def test_polarity_is_ignored() -> None:
     rng = np.random.default_rng(0)
     events, table = random_events(rng, 300, 1e-6), random_table(rng)
     opposite = Events(events.x, events.y, events.t, ~events.polarity)
-    a, b = (event_image(e, table, (WIDTH, HEIGHT)) for e in (events, opposite))
+    a, b = (rectified_cluster(e, table, (WIDTH, HEIGHT)) for e in (events, opposite))
     np.testing.assert_array_equal(a.surface_of_active_events, b.surface_of_active_events)

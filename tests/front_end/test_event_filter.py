@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpvo.config.stages import ClusteringConfig
-from gpvo.events.clustering import EventImage
+from gpvo.events.clustering import ClusterEvents
 from gpvo.events.noise_filter import LEAST_HOT, EventFilter
 from gpvo.recordings.base import Events
 
@@ -45,7 +45,7 @@ def test_kept_is_what_has_a_recent_neighbour(seed: int, duration: float) -> None
 
 @given(st.integers(0, 2**32), st.integers(1, 299))
 @settings(deadline=None, max_examples=20)
-def test_slabs_do_not_matter(seed: int, cut: int) -> None:
+def test_batches_do_not_matter(seed: int, cut: int) -> None:
     events = random_events(seed)
     fields = {"background_filter": 0.05, "hot_pixel_ratio": 2}
     whole = filtered(events, **fields)
@@ -81,5 +81,5 @@ def test_without_filters_events_are_untouched() -> None:
 def test_time_surface_grows_with_the_time_of_the_latest_event() -> None:
     surface = np.full((2, 3), -np.inf)
     surface[0] = 2.0, 2.05, 2.1
-    image = EventImage(surface, 3).time_surface(2.0, 2.1)
+    image = ClusterEvents(surface, 3).time_surface(2.0, 2.1)
     np.testing.assert_array_equal(image, [[1, 128, 255], [0, 0, 0]])

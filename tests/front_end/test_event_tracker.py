@@ -23,7 +23,7 @@ from scipy.ndimage import map_coordinates
 
 from gpvo import Odometry
 from gpvo.config.stages import Configuration, EventTrackerConfig, TrackingConfig
-from gpvo.events.clustering import EventImage, RectifiedEvents, StereoCluster
+from gpvo.events.clustering import ClusterEvents, RectifiedEvents, StereoCluster
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 from gpvo.tracking.haste.event_rows import event_rows, events_around, latest_around
 from gpvo.tracking.haste.hypotheses import (
@@ -133,7 +133,7 @@ def test_landmarks_wait_while_nothing_moves() -> None:
 
 
 def late(seen: StereoCluster, seconds: float) -> StereoCluster:
-    def delayed(image: EventImage) -> EventImage:
+    def delayed(image: ClusterEvents) -> ClusterEvents:
         events = image.events()
         return image_of(replace(events, t=events.t + seconds))
 
@@ -152,9 +152,9 @@ def test_landmarks_that_do_not_move_for_long_are_given_up() -> None:
 
 
 def test_events_outside_the_image_change_nothing() -> None:
-    """A tracker of the user's may be given such; those of `event_image` are all within."""
+    """A tracker of the user's may be given such; those of `rectified_cluster` are all within."""
 
-    def with_stray(image: EventImage) -> EventImage:
+    def with_stray(image: ClusterEvents) -> ClusterEvents:
         events = image.events()
         stray = np.tile([[-40.0, 3.0], [3.0, HEIGHT + 40.0], [WIDTH + 1e6, -1e6]], (50, 1))
         order = np.argsort(np.concatenate([events.t, np.full(150, events.t[0])]), kind="stable")

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpvo.config.stages import CompensationConfig
-from gpvo.events.clustering import EventImage, RectifiedEvents, StereoCluster
+from gpvo.events.clustering import ClusterEvents, RectifiedEvents, StereoCluster
 from gpvo.tracking.motion_compensation import (
     CompensatedImage,
     Flow,
@@ -96,11 +96,11 @@ def test_observations_get_times_and_places_of_their_own_events() -> None:
     for number in range(3):
         start = 0.06 * number
 
-        def image(offset: np.ndarray, start: float = start) -> EventImage:
+        def image(offset: np.ndarray, start: float = start) -> ClusterEvents:
             t = np.repeat(start + np.array([0.01, 0.02, 0.03]), len(places))
             points = np.tile(places + offset, (3, 1)) + t[:, None] * motion
             events = RectifiedEvents(points, t, np.ones(len(t), bool))
-            return EventImage(np.full(SHAPE, -np.inf), len(t), lambda: events)
+            return ClusterEvents(np.full(SHAPE, -np.inf), len(t), lambda: events)
 
         cluster = StereoCluster(start, start + 0.06, image(np.zeros(2)), image(-disparity))
         left, _ = compensation.pictures(cluster)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from gpvo import Odometry, open_recording
 from gpvo.config.stages import TrackingConfig
-from gpvo.events.clustering import StereoCluster, event_image
+from gpvo.events.clustering import StereoCluster, rectified_cluster
 from gpvo.recordings.base import Events
 from gpvo.tracking.tracker import MultiResolutionTracker
 
@@ -49,7 +49,7 @@ def box_clusters(window: float) -> Iterator[tuple[StereoCluster, NDArray[np.floa
         now = table[(table[:, 0] >= start) & (table[:, 0] < start + window)]
         sides = [now[now[:, 4] == side] for side in (0, 1)]
         left, right = (
-            event_image(
+            rectified_cluster(
                 Events(e[:, 1].astype(np.uint16), e[:, 2].astype(np.uint16), e[:, 0], e[:, 3] > 0),
                 same,
                 resolution,

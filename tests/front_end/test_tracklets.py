@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gpvo.config.stages import TrackletConfig
-from gpvo.events.clustering import EventImage, StereoCluster
+from gpvo.events.clustering import ClusterEvents, StereoCluster
 from gpvo.mc_ransac.segments import segments_between
 from gpvo.tracking.measurements import Measurements
 from gpvo.tracking.observations import Observations
@@ -86,7 +86,7 @@ def add(tracklets: Tracklets, frame: int, *sightings: Sighting) -> None:
     columns = np.array(sightings, np.float64).reshape(-1, 6)
     points = columns[:, 1:3]
     tracklets.add(
-        StereoCluster(frame / 8, (frame + 1) / 8, EventImage(left, 0), EventImage(right, 0)),
+        StereoCluster(frame / 8, (frame + 1) / 8, ClusterEvents(left, 0), ClusterEvents(right, 0)),
         Observations(
             columns[:, 0].astype(np.int64),
             np.full(len(columns), frame),
@@ -245,7 +245,7 @@ def test_observations_of_earlier_clusters_are_timed_there() -> None:
     for frame, (_, u, v, _, t, _) in ((0, first), (2, second)):
         left[:] = -np.inf
         left[int(v), int(u)] = t
-        cluster = StereoCluster(frame / 8, frame / 8 + 1 / 8, *[EventImage(left.copy(), 0)] * 2)
+        cluster = StereoCluster(frame / 8, frame / 8 + 1 / 8, *[ClusterEvents(left.copy(), 0)] * 2)
         points = np.array([[s[1], s[2]] for s in (first, second)])
         seen = Observations(np.zeros(2, int), np.array([0, 1]), points, points - [8.0, 0])
         nothing = Observations(seen.landmark[:0], seen.frame[:0], points[:0], points[:0])
@@ -257,7 +257,7 @@ def test_observations_of_earlier_clusters_are_timed_there() -> None:
 
 def test_times_of_the_tracker_take_the_place_of_the_surface() -> None:
     tracklets, surface = Tracklets(CONFIG), np.full((HEIGHT, WIDTH), 5 / 64)
-    cluster = StereoCluster(0.0, 1 / 8, *[EventImage(surface, 0)] * 2)
+    cluster = StereoCluster(0.0, 1 / 8, *[ClusterEvents(surface, 0)] * 2)
     own = np.array([[1 / 64, 2 / 64], [np.nan, np.nan], [4 / 64, np.nan], [1 / 64, 3 / 64]])
     left = np.column_stack([[20.0] * 4, 10 * np.arange(4) + 5])
     for frame in range(2):
@@ -277,7 +277,7 @@ def test_observations_without_events_are_dropped() -> None:
     point = np.array([[20.0, 20.0]])
     for frame in range(3):
         tracklets.add(
-            StereoCluster(frame / 8, (frame + 1) / 8, *[EventImage(nothing, 0)] * 2),
+            StereoCluster(frame / 8, (frame + 1) / 8, *[ClusterEvents(nothing, 0)] * 2),
             Observations(
                 np.array([0]), np.array([frame]), point + 5 * frame, point + 5 * frame - [8, 0]
             ),

@@ -111,7 +111,7 @@ def outcome(sample: Sample, expected: tuple[EventBlock, EventBlock], only_cut: b
     Raises
     ------
     AssertionError
-        If slabs are not in order, or an error is no single line that names a file, or a file
+        If batches are not in order, or an error is no single line that names a file, or a file
         that was only cut gives events that were never written.
     """
     try:

@@ -10,9 +10,9 @@ from gpvo.recordings.streams import EventBlock, EventStream, Faults
 
 def read_recording(recording: Recording) -> tuple[EventBlock, EventBlock]:
     """All events of both cameras, with absolute stamps."""
-    slabs = list(recording.slabs())
-    left = Events.concatenate([slab.left for slab in slabs])
-    right = Events.concatenate([slab.right for slab in slabs])
+    batches = list(recording.event_batches())
+    left = Events.concatenate([batch.left for batch in batches])
+    right = Events.concatenate([batch.right for batch in batches])
     return stamped(left, recording), stamped(right, recording)
 
 
@@ -38,7 +38,7 @@ def assert_same_events(ours: EventBlock, theirs: EventBlock, tolerance_ns: int =
 def assert_recording_holds(
     recording: Recording, left: EventBlock, right: EventBlock, tolerance_ns: int = 0
 ) -> None:
-    """The slabs of a recording hold these events."""
+    """The batches of a recording hold these events."""
     ours = read_recording(recording)
     assert_same_events(ours[0], left, tolerance_ns)
     assert_same_events(ours[1], right, tolerance_ns)

@@ -137,5 +137,5 @@ def test_recordings_longer_than_uint32_microseconds(tmp_path: Path, calibration:
         changes = {"events/t": t, "ms_to_idx": None, "t_offset": np.int64(START_NS // 1000)}
         column_file(tmp_path / f"{side}.h5", block, **changes)
     recording = open_recording(tmp_path, calibration)
-    recording.slab_length = 100.0  # type: ignore[attr-defined]
+    recording.batch_length = 100.0  # type: ignore[attr-defined]
     assert_recording_holds(recording, block, block)

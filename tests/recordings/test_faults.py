@@ -18,7 +18,7 @@ GOOD = event_rows(300, 1)
 def fault(path: Path, calibration: Path | None) -> str:
     """Message of the error that opening or reading raises."""
     with pytest.raises(InputError) as caught:
-        for _slab in open_recording(path, calibration).slabs():
+        for _batch in open_recording(path, calibration).event_batches():
             pass
     message = str(caught.value)
     assert "\n" not in message
@@ -138,9 +138,8 @@ def test_stated_resolution(recording_path: Path, calibration: Path, attributes: 
 def test_stated_resolution_that_agrees(recording_path: Path, calibration: Path) -> None:
     with h5py.File(recording_path, "a") as file:
         file["davis/left/events"].attrs.update({"width": 64, "height": 48})
-    assert (
-        sum(len(slab.left) for slab in open_recording(recording_path, calibration).slabs()) == 900
-    )
+    batches = open_recording(recording_path, calibration).event_batches()
+    assert sum(len(batch.left) for batch in batches) == 900
 
 
 @pytest.mark.parametrize("options", [{}, {"compression": "gzip", "chunks": (50, 1)}])
@@ -161,7 +160,7 @@ def test_zeroed_bytes_never_crash(tmp_path: Path, calibration: Path, options: di
     for at in np.random.default_rng(1).integers(0, len(whole) - 64, 60):
         path.write_bytes(whole[:at] + bytes(64) + whole[at + 64 :])
         try:
-            sum(len(slab.left) for slab in open_recording(path, calibration).slabs())
+            sum(len(batch.left) for batch in open_recording(path, calibration).event_batches())
         except InputError:
             failures += 1
     assert failures > 0

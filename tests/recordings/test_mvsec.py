@@ -1,4 +1,4 @@
-"""What is read from MVSEC's HDF5 is what was written, however it is cut into slabs."""
+"""What is read from MVSEC's HDF5 is what was written, however it is cut into batches."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from recording_files import camchain, event_rows, write_mvsec
 
 from gpvo.errors import InputError
 from gpvo.recordings import Events, Recording, open_recording
+from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.files import mvsec
 from gpvo.recordings.files.mvsec import MvsecRecording
-from gpvo.recordings.slabs import stereo_slabs
 
 COLUMNS = ("x", "y", "t", "polarity")
 
@@ -24,9 +24,9 @@ COLUMNS = ("x", "y", "t", "polarity")
 def read_all(
     recording: Recording, start: float = 0.0, stop: float = np.inf
 ) -> tuple[Events, Events]:
-    slabs = list(recording.slabs(start, stop))
-    left = Events.concatenate([slab.left for slab in slabs])
-    return left, Events.concatenate([slab.right for slab in slabs])
+    batches = list(recording.event_batches(start, stop))
+    left = Events.concatenate([batch.left for batch in batches])
+    return left, Events.concatenate([batch.right for batch in batches])
 
 
 def expected(rows: np.ndarray, origin: float) -> Events:
@@ -62,30 +62,30 @@ def files(tmp_path_factory: pytest.TempPathFactory, rows: tuple) -> tuple[Path, 
     stop=st.one_of(st.just(np.inf), st.floats(-0.1, 0.8)),
     block=st.integers(1, 900),
 )
-def test_slabs_hold_every_event_once(
+def test_batches_hold_every_event_once(
     files: tuple, rows: tuple, length: float, start: float, stop: float, block: int
 ) -> None:
-    recording = MvsecRecording(*files, slab_length=length)
+    recording = MvsecRecording(*files, batch_length=length)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mvsec, "BLOCK_ROWS", block)
-        slabs = list(recording.slabs(start, stop))
+        batches = list(recording.event_batches(start, stop))
     for side, table in zip(("left", "right"), rows, strict=True):
-        parts = [getattr(slab, side) for slab in slabs]
+        parts = [getattr(batch, side) for batch in batches]
         whole = expected(table, rows[0][0, 2]).between(start, stop)
         assert_same(Events.concatenate(parts), whole)
-        for slab, part in zip(slabs, parts, strict=True):
-            assert_same(part, whole.between(slab.start, slab.stop))
+        for batch, part in zip(batches, parts, strict=True):
+            assert_same(part, whole.between(batch.start, batch.stop))
 
 
 @settings(deadline=None, max_examples=20)
 @given(length=st.floats(0.003, 2.0), start=st.floats(0.0, 0.4), stop=st.floats(0.41, 2.0))
-def test_slabs_cover_the_interval(files: tuple, length: float, start: float, stop: float) -> None:
-    recording = MvsecRecording(*files, slab_length=length)
-    slabs = list(recording.slabs(start, stop))
-    assert slabs[0].start == start
-    assert slabs[-1].stop == min(stop, np.nextafter(recording.duration, np.inf))
-    assert all(a.stop == b.start for a, b in pairwise(slabs))
-    assert all(0.0 < slab.stop - slab.start <= length * (1 + 1e-9) + 1e-15 for slab in slabs)
+def test_batches_cover_the_interval(files: tuple, length: float, start: float, stop: float) -> None:
+    recording = MvsecRecording(*files, batch_length=length)
+    batches = list(recording.event_batches(start, stop))
+    assert batches[0].start == start
+    assert batches[-1].stop == min(stop, np.nextafter(recording.duration, np.inf))
+    assert all(a.stop == b.start for a, b in pairwise(batches))
+    assert all(0.0 < batch.stop - batch.start <= length * (1 + 1e-9) + 1e-15 for batch in batches)
 
 
 def test_times_start_at_the_first_event_of_either_camera(tmp_path: Path, calibration: Path) -> None:
@@ -101,24 +101,24 @@ def test_times_start_at_the_first_event_of_either_camera(tmp_path: Path, calibra
 
 
 @pytest.mark.parametrize("length", [0.1, 70.0])
-def test_hours_without_events_are_one_slab(length: float) -> None:
-    """Slabs go on in step behind them, and at the end nothing is waited for."""
+def test_hours_without_events_are_one_batch(length: float) -> None:
+    """Batches go on in step behind them, and at the end nothing is waited for."""
     t = np.array([0.05, 0.17, 50_000.02, 50_000.31])
     events = Events(*np.zeros((2, 4), np.uint16), t, np.ones(4, bool))
     blocks = [events[:3], events[3:]]
-    slabs = list(stereo_slabs(iter(blocks), iter([events[:2]]), 0.0, 90_000.0, length))
-    assert len(slabs) < 12
-    assert all(a.stop == b.start for a, b in pairwise(slabs)) and slabs[-1].stop == 90_000.0
-    assert sum(len(slab.left) for slab in slabs) == 4
-    assert sum(len(slab.right) for slab in slabs) == 2
-    for slab in slabs:
-        assert slab.stop - slab.start < 1.001 * length or len(slab.left) == len(slab.right) == 0
+    batches = list(stereo_batches(iter(blocks), iter([events[:2]]), 0.0, 90_000.0, length))
+    assert len(batches) < 12
+    assert all(a.stop == b.start for a, b in pairwise(batches)) and batches[-1].stop == 90_000.0
+    assert sum(len(batch.left) for batch in batches) == 4
+    assert sum(len(batch.right) for batch in batches) == 2
+    for batch in batches:
+        assert batch.stop - batch.start < 1.001 * length or len(batch.left) == len(batch.right) == 0
 
 
-def test_slabs_without_events_are_yielded(tmp_path: Path, calibration: Path) -> None:
+def test_batches_without_events_are_yielded(tmp_path: Path, calibration: Path) -> None:
     rows = np.concatenate([event_rows(20, 7, seconds=0.05), event_rows(20, 8, 1.5e9 + 1.0, 0.05)])
     recording = open_recording(write_mvsec(tmp_path / "gap.hdf5", rows, rows), calibration)
-    counts = [len(slab.left) for slab in recording.slabs()]
+    counts = [len(batch.left) for batch in recording.event_batches()]
     assert counts[0] == 20
     assert sum(counts[1:9]) == 0 and len(counts[1:9]) == 8
     assert sum(counts) == 40
@@ -150,8 +150,8 @@ def test_only_blocks_of_the_interval_are_read(
         return read(dataset, column, first_row, stop_row)
 
     monkeypatch.setattr(mvsec, "read_column", counted)
-    recording = MvsecRecording(*files, slab_length=0.01)
-    next(recording.slabs(0.3))
+    recording = MvsecRecording(*files, batch_length=0.01)
+    next(recording.event_batches(0.3))
     assert max(rows_read) == 10
     assert sum(rows_read) < 500
 

@@ -39,7 +39,7 @@ def test_prophesee_hdf5(tmp_path: Path, calibration: Path) -> None:
         prophesee_file(tmp_path / f"a_{side}.hdf5", block, compression="gzip", chunks=(100,))
     recording = open_recording(tmp_path, calibration)
     assert_recording_holds(recording, LEFT, RIGHT)
-    late = Events.concatenate([slab.left for slab in recording.slabs(0.2)])
+    late = Events.concatenate([batch.left for batch in recording.event_batches(0.2)])
     kept = LEFT.t_ns >= recording.start_ns + 200_000_000
     np.testing.assert_array_equal(late.x, LEFT.x[kept])
 

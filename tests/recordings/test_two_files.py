@@ -95,7 +95,7 @@ def test_damaged_lines_are_counted(tmp_path: Path, calibration: Path) -> None:
     lines[100], lines[200], lines[300] = "0.1 3", "a b c d", "nan 1 1 0"
     (tmp_path / "left.txt").write_text("# t x y p\n" + "\n".join(lines) + "\n0.6 1")
     recording = open_recording(tmp_path / "left.txt", calibration)
-    assert sum(len(slab.left) for slab in recording.slabs()) == 897
+    assert sum(len(batch.left) for batch in recording.event_batches()) == 897
     assert any("4 damaged lines" in line for line in recording.fault_lines())
 
 
@@ -184,7 +184,7 @@ def test_faults(tmp_path: Path, calibration: Path, changes: dict, problem: str) 
     column_file(tmp_path / "left.h5", LEFT, **changes)
     column_file(tmp_path / "right.h5", RIGHT)
     with pytest.raises(InputError, match=problem) as caught:
-        for _ in open_recording(tmp_path / "left.h5", calibration).slabs():
+        for _ in open_recording(tmp_path / "left.h5", calibration).event_batches():
             pass
     assert "\n" not in str(caught.value)
 

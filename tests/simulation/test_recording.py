@@ -44,7 +44,7 @@ def test_one_seed_gives_one_recording(recording: SimulatedRecording) -> None:
 def test_stillness_makes_no_events_and_noise_its_rate() -> None:
     still = simulate(changed(motion="still"))
     assert len(still.left) == len(still.right) == still.duration == 0
-    assert next(still.slabs()).left.t.size == 0
+    assert next(still.event_batches()).left.t.size == 0
     noisy = simulate(changed(motion="still", noise_rate=5.0))
     expected = 5.0 * 80 * 60 * SMALL.duration
     for side in (noisy.left, noisy.right):
@@ -104,15 +104,15 @@ def test_ground_truth_is_the_motion_at_200_hz(recording: SimulatedRecording) -> 
     np.testing.assert_allclose(recording.motion.pose(t), truth.T_world_cam, atol=1e-9)
 
 
-def test_slabs_hold_every_event_once(recording: SimulatedRecording) -> None:
-    slabs = list(recording.slabs())
+def test_batches_hold_every_event_once(recording: SimulatedRecording) -> None:
+    batches = list(recording.event_batches())
     for side in ("left", "right"):
-        whole = Events.concatenate([getattr(slab, side) for slab in slabs])
+        whole = Events.concatenate([getattr(batch, side) for batch in batches])
         expected = arrays(getattr(recording, side))
         assert all(map(np.array_equal, arrays(whole), expected))
-    part = list(recording.slabs(0.1, 0.15))
+    part = list(recording.event_batches(0.1, 0.15))
     assert (part[0].start, part[-1].stop) == (0.1, 0.15)
-    assert sum(len(slab.left) for slab in part) == len(recording.left.between(0.1, 0.15))
+    assert sum(len(batch.left) for batch in part) == len(recording.left.between(0.1, 0.15))
 
 
 def test_progress_goes_from_0_to_1() -> None:
@@ -128,10 +128,10 @@ def test_mvsec_files_give_the_recording_back(recording: SimulatedRecording, tmp_
     assert read.start_ns == recording.start_ns
     assert read.duration == pytest.approx(recording.duration, abs=1e-9)
     check_same_rig(read.rig, recording.rig)
-    slabs = list(read.slabs())
+    batches = list(read.event_batches())
     for side in ("left", "right"):
         expected: Events = getattr(recording, side)
-        events = Events.concatenate([getattr(slab, side) for slab in slabs])
+        events = Events.concatenate([getattr(batch, side) for batch in batches])
         np.testing.assert_allclose(events.t, expected.t, atol=1e-9)
         for field in ("x", "y", "polarity"):
             np.testing.assert_array_equal(getattr(events, field), getattr(expected, field))

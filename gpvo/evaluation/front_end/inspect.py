@@ -138,9 +138,9 @@ def inspect(
         If the events are faulty or there are too few for a cluster.
     """
     inspector = _Inspector(recording, truth, configuration)
-    slabs = recording.slabs(start, start + duration)
+    batches = recording.event_batches(start, start + duration)
     clusters = []
-    for cluster in cluster_events(slabs, recording.rig, configuration.clustering):
+    for cluster in cluster_events(batches, recording.rig, configuration.clustering):
         clusters.append(inspector.process(cluster))
         if progress is not None:
             progress(clusters[-1])
@@ -162,7 +162,7 @@ class _Inspector:
     def process(self, cluster: StereoCluster) -> InspectedCluster:
         rng = deepcopy(self._front_end.rng)
         tracked = self._front_end.process(cluster)
-        earlier, later, fit = tracked.earlier, tracked.later, tracked.fit
+        earlier, later, estimate = tracked.earlier, tracked.later, tracked.velocity_estimate
         features, quads = self._count(tracked.observations)
         return InspectedCluster(
             cluster.start,
@@ -173,7 +173,7 @@ class _Inspector:
             judge(earlier, later, tracked.inliers, self._truth, self._front_end.camera),
             self._true_twist(earlier, later),
             self._fast_twist(segments_between(earlier, later), rng),
-            np.full(6, np.nan) if fit is None else fit.velocity,
+            np.full(6, np.nan) if estimate is None else estimate.velocity,
             np.packbits(cluster.left.binary_frame > 0, axis=1),
         )
 

@@ -24,8 +24,8 @@ def check_sensor_size(recording: Recording, calibration: Path | str | None) -> N
         If both axes are used up to a fraction only: the calibration is that of a larger sensor.
     """
     used, count = np.zeros(2), 0
-    for slab in recording.slabs():
-        for events in (slab.left, slab.right):
+    for batch in recording.event_batches():
+        for events in (batch.left, batch.right):
             if len(events):
                 used = np.maximum(used, [events.x.max() + 1, events.y.max() + 1])
                 count += len(events)

@@ -14,8 +14,8 @@ from gpvo.errors import InputError
 from gpvo.recordings.base import Events, Recording, StereoEvents
 from gpvo.recordings.calibration.find import Calibration, rig_for
 from gpvo.recordings.checks import columns
+from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5, read_column
-from gpvo.recordings.slabs import stereo_slabs
 
 SIDES = ("left", "right")
 TIME = 2
@@ -41,22 +41,22 @@ class MvsecRecording(Recording):
         polarity in {-1, 1} or {0, 1}.
     calibration
         File of the stereo calibration, usually a kalibr camchain; None for the only one beside it.
-    slab_length
+    batch_length
         Seconds.
 
     Raises
     ------
     InputError
-        For an unusable file or calibration. Faults of single events are found while slabs are
+        For an unusable file or calibration. Faults of single events are found while batches are
         read, as no dataset is ever read whole.
     """
 
     format_name = "MVSEC HDF5"
 
-    def __init__(self, path: Path, calibration: Calibration, slab_length: float = 0.1) -> None:
+    def __init__(self, path: Path, calibration: Calibration, batch_length: float = 0.1) -> None:
         self.path = path
         self.rig = rig_for(path, calibration, "MVSEC's HDF5")
-        self.slab_length = slab_length
+        self.batch_length = batch_length
         with open_hdf5(path) as file:
             left, right = (self._table(file, side).span() for side in SIDES)
         columns.check_common_time(left, right, path, "davis/left/events and davis/right/events")
@@ -64,12 +64,12 @@ class MvsecRecording(Recording):
         self.start_ns = round(self._start * 1e9)
         self.duration = max(left[1], right[1]) - self._start
 
-    def slabs(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
+    def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
         start = max(start, 0.0)
         stop = min(stop, float(np.nextafter(self.duration, np.inf)))
         with open_hdf5(self.path) as file:
             left, right = (self._table(file, side).blocks(self._start, start) for side in SIDES)
-            yield from stereo_slabs(left, right, start, stop, self.slab_length)
+            yield from stereo_batches(left, right, start, stop, self.batch_length)
 
     def _table(self, file: h5py.File, side: str) -> _EventTable:
         camera = self.rig.left if side == "left" else self.rig.right

@@ -113,11 +113,11 @@ def _write(
     path.parent.mkdir(parents=True, exist_ok=True)
     left_count = right_count = 0
     with writer(path, sensor_sizes(recording), recording.start_ns) as opened:
-        for slab in recording.slabs():
-            left, right = (stamped(side, recording.start_ns) for side in (slab.left, slab.right))
+        for batch in recording.event_batches():
+            left, right = (stamped(side, recording.start_ns) for side in (batch.left, batch.right))
             opened.append(left, right)
             left_count, right_count = left_count + len(left), right_count + len(right)
-            advance(slab.stop)
+            advance(batch.stop)
     return left_count, right_count
 
 

@@ -19,7 +19,7 @@ Size = tuple[int, int]
 
 
 class RecordingWriter(ABC):
-    """Takes a recording slab by slab.
+    """Takes a recording batch by batch.
 
     Parameters
     ----------

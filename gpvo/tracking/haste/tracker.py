@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.config.stages import TrackingConfig
-from gpvo.events.clustering import EventImage, StereoCluster
+from gpvo.events.clustering import ClusterEvents, StereoCluster
 from gpvo.tracking.features import extrema, smooth, strongest_spaced
 from gpvo.tracking.haste.event_rows import EventRows, event_rows, latest_around
 from gpvo.tracking.haste.hypotheses import Patches, follow, judge, new_patches
@@ -135,7 +135,7 @@ class EventTracker:
         patches.measured[k] = events[:, 2].max()
         judge(patches, k, self._rotation)
 
-    def _detect(self, image: EventImage, left: EventRows, right: EventRows) -> list[_Sighting]:
+    def _detect(self, image: ClusterEvents, left: EventRows, right: EventRows) -> list[_Sighting]:
         """Add the strongest features that are not near a landmark and have a right match."""
         points, _, strength = extrema(
             smooth(image.binary_frame, self._config.smoothing),
@@ -187,7 +187,7 @@ class EventTracker:
         )
 
 
-def _columns(image: EventImage) -> Array:
+def _columns(image: ClusterEvents) -> Array:
     """(N, 3) u, v and time of the rectified events."""
     events = image.events()
     return np.column_stack([events.points, events.t])

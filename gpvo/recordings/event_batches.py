@@ -1,4 +1,4 @@
-"""Cut two streams of event blocks into slabs that cover the same time."""
+"""Cut two streams of event blocks into batches that cover the same time."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import numpy as np
 from gpvo.recordings.base import Events, StereoEvents
 
 LONGEST_SILENCE = 60.0
-"""Seconds; a longer time without events, perhaps from a damaged stamp, is one slab."""
+"""Seconds; a longer time without events, perhaps from a damaged stamp, is one batch."""
 
 
-def stereo_slabs(
+def stereo_batches(
     left: Iterator[Events], right: Iterator[Events], start: float, stop: float, length: float
 ) -> Iterator[StereoEvents]:
-    """Yield slabs of `length` seconds that cover [start, stop), left and right in step.
+    """Yield batches of `length` seconds that cover [start, stop), left and right in step.
 
     Parameters
     ----------
     left, right
         Blocks of any size in order of time, without events before `start`. A block is taken
-        only when a slab needs it.
+        only when a batch needs it.
     start, stop, length
-        Seconds; the last slab may be shorter, and one without events longer.
+        Seconds; the last batch may be shorter, and one without events longer.
     """
     if not length > 0.0:
-        raise ValueError(f"slab length {length} s is not positive")
+        raise ValueError(f"batch length {length} s is not positive")
     cut_left, cut_right = _Cutter(left), _Cutter(right)
     first, number = start, 0
     while first < stop:
