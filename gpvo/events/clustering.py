@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from gpvo.array_table import ArrayTable
 from gpvo.config.stages import ClusteringConfig
 from gpvo.events.contours import events_until_thick
 from gpvo.events.noise_filter import EventFilter
@@ -21,7 +22,7 @@ from gpvo.recordings.calibration.rig import StereoRig
 
 
 @dataclass(frozen=True, eq=False)
-class RectifiedEvents:
+class RectifiedEvents(ArrayTable):
     """Events of one camera in order of time, where rectification puts them.
 
     Attributes
@@ -37,9 +38,6 @@ class RectifiedEvents:
     points: NDArray[np.float64]
     t: NDArray[np.float64]
     polarity: NDArray[np.bool_]
-
-    def __len__(self) -> int:
-        return len(self.t)
 
     @staticmethod
     def empty() -> RectifiedEvents:

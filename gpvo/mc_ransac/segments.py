@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
+from gpvo.array_table import ArrayTable
 from gpvo.config.stages import McRansacConfig
 from gpvo.mc_ransac.fast_kernels import moved_points
 from gpvo.tracking.measurements import Measurements
@@ -16,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
+class Segments(ArrayTable):
     """Two measurements of each of N landmarks.
 
     Attributes
@@ -30,12 +31,6 @@ class Segments:
     earlier: Array
     later: Array
     dt: Array
-
-    def __len__(self) -> int:
-        return len(self.dt)
-
-    def __getitem__(self, index: NDArray) -> Segments:
-        return Segments(self.earlier[index], self.later[index], self.dt[index])
 
 
 def segments_between(earlier: Measurements, later: Measurements) -> Segments:

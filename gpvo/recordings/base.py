@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gpvo.array_table import ArrayTable
 from gpvo.recordings.calibration.rig import StereoRig
 
 
 @dataclass(frozen=True)
-class Events:
+class Events(ArrayTable):
     """Events of one camera in order of time.
 
     Attributes
@@ -32,12 +33,6 @@ class Events:
     t: NDArray[np.float64]
     polarity: NDArray[np.bool_]
 
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def __getitem__(self, index: slice | NDArray) -> Events:
-        return Events(self.x[index], self.y[index], self.t[index], self.polarity[index])
-
     def between(self, start: float, stop: float) -> Events:
         """Events with start <= t < stop, in seconds."""
         first, last = np.searchsorted(self.t, [start, stop], side="left")
@@ -49,17 +44,10 @@ class Events:
         pixels = np.empty(0, np.uint16)
         return Events(pixels, pixels, np.empty(0), np.empty(0, bool))
 
-    @staticmethod
-    def concatenate(parts: Sequence[Events]) -> Events:
+    @classmethod
+    def concatenate(cls, parts: Iterable[Events]) -> Events:
         """Join consecutive parts of one stream."""
-        if not parts:
-            return Events.empty()
-        return Events(
-            np.concatenate([part.x for part in parts]),
-            np.concatenate([part.y for part in parts]),
-            np.concatenate([part.t for part in parts]),
-            np.concatenate([part.polarity for part in parts]),
-        )
+        return super().concatenate([Events.empty(), *parts])
 
 
 @dataclass(frozen=True)

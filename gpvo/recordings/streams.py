@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from gpvo.array_table import ArrayTable
 
 Faults = Counter[str]
 """What was wrong with a stream and left out, with the number of times: {"events ...": 12}."""
@@ -17,7 +19,7 @@ DAMAGED = "damaged parts of the file were skipped"
 
 
 @dataclass(frozen=True)
-class EventBlock:
+class EventBlock(ArrayTable):
     """Consecutive events of one camera as they stand in the file, unchecked.
 
     Attributes
@@ -35,23 +37,11 @@ class EventBlock:
     t_ns: NDArray[np.int64]
     polarity: NDArray[np.bool_]
 
-    def __len__(self) -> int:
-        return len(self.t_ns)
-
-    def __getitem__(self, index: slice | NDArray) -> EventBlock:
-        return EventBlock(self.x[index], self.y[index], self.t_ns[index], self.polarity[index])
-
-    @staticmethod
-    def concatenate(parts: Sequence[EventBlock]) -> EventBlock:
+    @classmethod
+    def concatenate(cls, parts: Iterable[EventBlock]) -> EventBlock:
         """Join consecutive parts of one stream; at least one."""
-        if len(parts) == 1:
-            return parts[0]
-        return EventBlock(
-            np.concatenate([part.x for part in parts]),
-            np.concatenate([part.y for part in parts]),
-            np.concatenate([part.t_ns for part in parts]),
-            np.concatenate([part.polarity for part in parts]),
-        )
+        blocks = list(parts)
+        return blocks[0] if len(blocks) == 1 else super().concatenate(blocks)
 
 
 class EventStream(ABC):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
@@ -16,9 +17,10 @@ from gpvo.config.stages import StageConfig
 from gpvo.recordings.base import Events, Recording, StereoEvents
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 from gpvo.recordings.event_batches import stereo_batches
+from gpvo.recordings.writing.hdf5 import MvsecWriter
+from gpvo.recordings.writing.writer import stamped, write_camchain
 from gpvo.simulation.events import Sensor, frame_times, simulate_events
 from gpvo.simulation.motion import CORRIDOR_SPEED, Motion, MotionName
-from gpvo.simulation.mvsec import write_mvsec
 from gpvo.simulation.scene import Scene
 from gpvo.trajectory.stamped_poses import StampedPoses
 
@@ -123,8 +125,14 @@ class SimulatedRecording(Recording):
 
     def write_mvsec(self, folder: Path) -> None:
         """Write NAME_data.hdf5, NAME_gt.hdf5 and camchain-NAME.yaml; NAME is the path's name."""
-        start_ns, truth = self.start_ns, self.ground_truth
-        write_mvsec(folder, self.path.name, self.rig, start_ns, self.left, self.right, truth)
+        folder.mkdir(parents=True, exist_ok=True)
+        name, sizes = self.path.name, (self.rig.left.resolution, self.rig.right.resolution)
+        with MvsecWriter(folder / f"{name}_data.hdf5", sizes, self.start_ns) as writer:
+            writer.append(stamped(self.left, self.start_ns), stamped(self.right, self.start_ns))
+        with h5py.File(folder / f"{name}_gt.hdf5", "w") as file:
+            file["davis/left/pose"] = self.ground_truth.T_world_cam
+            file["davis/left/pose_ts"] = self.ground_truth.stamps_ns * 1e-9
+        write_camchain(folder / f"camchain-{name}.yaml", self.rig)
 
 
 def simulate(

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from gpvo.array_table import ArrayTable
 from gpvo.config.stages import FeatureConfig
 
 BLOB_MASK = np.array(
@@ -42,7 +43,7 @@ MARGIN = 6  # pixels at the border without features: the descriptor reaches 5
 
 
 @dataclass(frozen=True, eq=False)
-class Features:
+class Features(ArrayTable):
     """Features of one image at its own resolution.
 
     Attributes
@@ -61,14 +62,6 @@ class Features:
     kind: NDArray[np.int32]
     strength: NDArray[np.float32]
     descriptors: NDArray[np.uint8]
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def __getitem__(self, index: NDArray) -> Features:
-        return Features(
-            self.points[index], self.kind[index], self.strength[index], self.descriptors[index]
-        )
 
 
 def detect(image: NDArray[np.uint8], config: FeatureConfig) -> Features:

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gpvo.array_table import ArrayTable
+
 
 @dataclass(frozen=True, eq=False)
-class Measurements:
+class Measurements(ArrayTable):
     """N stereo measurements of landmarks, each at its own time.
 
     Attributes
@@ -30,23 +32,13 @@ class Measurements:
     t: NDArray[np.float64]
     stereo: NDArray[np.float64]
 
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def __getitem__(self, index: NDArray | slice) -> Measurements:
-        return Measurements(
-            self.landmark[index], self.frame[index], self.t[index], self.stereo[index]
-        )
-
-    @staticmethod
-    def concatenate(parts: Iterable[Measurements]) -> Measurements:
+    @classmethod
+    def concatenate(cls, parts: Iterable[Measurements]) -> Measurements:
         """Join several sets of measurements."""
-        columns = [(part.landmark, part.frame, part.t, part.stereo) for part in parts]
-        if not columns:
-            return Measurements(
-                np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty((0, 3))
-            )
-        return Measurements(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+        none = Measurements(
+            np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty((0, 3))
+        )
+        return super().concatenate([none, *parts])
 
 
 def seen_twice(measurements: Measurements) -> Measurements:

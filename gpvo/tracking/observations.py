@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gpvo.array_table import ArrayTable
+
 
 @dataclass(frozen=True, eq=False)
-class Observations:
+class Observations(ArrayTable):
     """N stereo observations of landmarks.
 
     Attributes
@@ -33,18 +35,6 @@ class Observations:
     right: NDArray[np.float64]
     own_times: NDArray[np.float64] | None = None
 
-    def __len__(self) -> int:
-        return len(self.landmark)
-
-    def __getitem__(self, index: NDArray) -> Observations:
-        return Observations(
-            self.landmark[index],
-            self.frame[index],
-            self.left[index],
-            self.right[index],
-            self.times[index],
-        )
-
     @property
     def disparity(self) -> NDArray[np.float64]:
         """(N,) left column minus right column, pixels."""
@@ -55,8 +45,7 @@ class Observations:
         """(N, 2) the tracker's own times, left and right, seconds; NaN where it has none."""
         return np.full((len(self), 2), np.nan) if self.own_times is None else self.own_times
 
-    @staticmethod
-    def concatenate(parts: Iterable[Observations]) -> Observations:
+    @classmethod
+    def concatenate(cls, parts: Iterable[Observations]) -> Observations:
         """Join several sets of observations, one at least."""
-        columns = [(part.landmark, part.frame, part.left, part.right, part.times) for part in parts]
-        return Observations(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+        return super().concatenate(replace(part, own_times=part.times) for part in parts)

@@ -2,41 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from factors import extrapolate, interpolate
+from gpvo.array_table import ArrayTable
 
 Array = NDArray[np.float64]
 
 
 @dataclass(eq=False)
-class States:
+class States(ArrayTable):
     """Increasing times (K,), poses T_world_cam (K, 4, 4) and body twists (K, 6), rotation first."""
 
     t: Array = field(default_factory=lambda: np.empty(0))
     T_world_cam: Array = field(default_factory=lambda: np.empty((0, 4, 4)))
     twist: Array = field(default_factory=lambda: np.empty((0, 6)))
 
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def __getitem__(self, index: slice) -> States:
-        return States(self.t[index], self.T_world_cam[index], self.twist[index])
-
     @property
     def nbytes(self) -> int:
         """Size of the arrays."""
         return self.t.nbytes + self.T_world_cam.nbytes + self.twist.nbytes
-
-    @staticmethod
-    def concatenate(parts: Iterable[States]) -> States:
-        """Join states in order of time."""
-        columns = [(part.t, part.T_world_cam, part.twist) for part in parts]
-        return States(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
     def after(self, t: float) -> States:
         """Those later than t."""

@@ -100,6 +100,6 @@ def test_what_is_missing_is_said_before_anything_runs(data: Path) -> None:
 def test_a_recording_of_another_time_is_refused(
     recording: SimulatedRecording, data: Path, config_file: Path
 ) -> None:
-    moved_to(SPANS_NS[NAME][1] + 1, recording).write_mvsec(data / "mvsec" / "indoor_flying")
+    moved_to(SPANS_NS[NAME][1] + 1000, recording).write_mvsec(data / "mvsec" / "indoor_flying")
     with pytest.raises(InputError, match="nothing of the evaluated"):
         main(["--data", str(data / "mvsec"), "--sequences", NAME])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from bag_files import types
@@ -139,3 +140,12 @@ def test_recordings_longer_than_uint32_microseconds(tmp_path: Path, calibration:
     recording = open_recording(tmp_path, calibration)
     recording.batch_length = 100.0  # type: ignore[attr-defined]
     assert_recording_holds(recording, block, block)
+
+
+def test_mvsec_needs_no_filter_but_h5py_s_own(tmp_path: Path, recording: Recording) -> None:
+    convert(recording, tmp_path / "a.hdf5")
+    with h5py.File(tmp_path / "a.hdf5") as file:
+        for table in (file["davis/left/events"], file["davis/right/events"]):
+            filters = table.id.get_create_plist()
+            kinds = [filters.get_filter(number)[0] for number in range(filters.get_nfilters())]
+            assert set(kinds) <= {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE}
