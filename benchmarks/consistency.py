@@ -12,8 +12,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.estimator.estimator import make_estimator
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.estimator import make_estimator
 from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
 from gpvo.simulation.tracklets import TrackletSimulation
 

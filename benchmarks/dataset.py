@@ -13,8 +13,7 @@ from rich.console import Console
 from benchmarks.data_folder import find_trajectories
 from benchmarks.run import Run, run_odometry
 from gpvo.commands.evaluate import at_states_of_competitor, print_comparison
-from gpvo.config.stages import Configuration
-from gpvo.config.yaml_file import load_configuration
+from gpvo.config import Configuration, load_configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.comparison import Comparison, compare
 from gpvo.evaluation.poses.load import load_poses

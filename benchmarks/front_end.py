@@ -21,11 +21,11 @@ from rich.table import Table
 from benchmarks.known_motion import KnownRecording, known_recordings, parse_options
 from gpvo import Odometry
 from gpvo.commands.result import evaluate_trajectory
-from gpvo.config.stages import Configuration
+from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.front_end.inspect import inspect
 from gpvo.evaluation.front_end.summary import summarize
-from gpvo.simulation.recording import SimulationConfig
+from gpvo.simulation import SimulationConfig
 
 DEFAULT = "default"
 Fields = Mapping[str, Any]

@@ -12,8 +12,8 @@ import numpy as np
 from gpvo.evaluation.front_end.truth import Truth, truth_of_poses, truth_of_simulation
 from gpvo.evaluation.poses.load import load_poses
 from gpvo.recordings import Recording, open_recording
-from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
+from gpvo.trajectory import StampedPoses
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 """Where a recording stands beside the repository, if at all."""

@@ -18,10 +18,10 @@ from rich.table import Table
 
 from factors.lie import se3_exp
 from factors.stereo import StereoCamera
-from gpvo.config.stages import McRansacConfig
-from gpvo.mc_ransac.fast import fast_mc_ransac, random_samples
-from gpvo.mc_ransac.mc_ransac import mc_ransac
-from gpvo.mc_ransac.segments import Segments, inlier_tolerance
+from gpvo.config import McRansacConfig
+from gpvo.mc_ransac import Segments, fast_mc_ransac, mc_ransac
+from gpvo.mc_ransac.fast import random_samples
+from gpvo.mc_ransac.segments import inlier_tolerance
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

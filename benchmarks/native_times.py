@@ -26,20 +26,15 @@ from benchmarks.known_motion import KnownRecording, known_recordings, parse_opti
 from benchmarks.mc_ransac import frame_based_inliers
 from factors.stereo import StereoCamera
 from gpvo.commands.result import STEP, evaluate_trajectory
-from gpvo.config.stages import Configuration, McRansacConfig
-from gpvo.estimator.estimator import make_estimator
+from gpvo.config import Configuration, McRansacConfig
+from gpvo.estimator import make_estimator
 from gpvo.evaluation import Evaluation, evaluate
-from gpvo.events.clustering import ClusterEvents, StereoCluster, cluster_events
-from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
-from gpvo.mc_ransac.mc_ransac import mc_ransac
-from gpvo.mc_ransac.segments import Segments, segments_between
+from gpvo.events import ClusterEvents, StereoCluster, cluster_events
+from gpvo.mc_ransac import Segments, VelocityFit, iterative_mc_ransac, mc_ransac, segments_between
 from gpvo.recordings import Recording
-from gpvo.simulation.recording import SimulationConfig
-from gpvo.tracking.observations import Observations
-from gpvo.tracking.tracker import make_tracker
-from gpvo.tracking.tracklets import Tracklets
-from gpvo.trajectory.stamped_poses import StampedPoses
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.simulation import SimulationConfig
+from gpvo.tracking import Observations, Tracklets, make_tracker
+from gpvo.trajectory import StampedPoses, Trajectory
 
 SIMULATIONS = {
     motion: SimulationConfig(seed=11, motion=motion, noise_rate=0.5)

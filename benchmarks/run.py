@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpvo.config.stages import Configuration
+from gpvo.config import Configuration
 from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.report.run_time import Cost, CostMeter
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from benchmarks.simulated_summary import (
     summary_table,
     write_summary,
 )
-from gpvo.config.stages import Configuration
+from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation import evaluate
 from gpvo.evaluation.report.machine import machine_text

@@ -9,9 +9,9 @@ import numpy as np
 
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.load import load_poses
+from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 from gpvo.simulation.motion import Motion
-from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared" / "reference"
 """Where real ground truth stands beside the repository, if at all."""

@@ -21,21 +21,16 @@ from rich.table import Table
 
 from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
-from gpvo.config.stages import Configuration, EstimatorConfig, NoiseConfig
-from gpvo.config.yaml_file import load_configuration
-from gpvo.estimator.diagnostics import Repair
-from gpvo.estimator.estimator import make_estimator
+from gpvo.config import Configuration, EstimatorConfig, NoiseConfig, load_configuration
+from gpvo.estimator import FixedLagSmoother, Repair, make_estimator
 from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
-from gpvo.estimator.smoother import FixedLagSmoother
-from gpvo.events.clustering import cluster_events
-from gpvo.mc_ransac.iterative import VelocityFit
+from gpvo.events import cluster_events
+from gpvo.mc_ransac import VelocityFit
 from gpvo.odometry import Odometry
-from gpvo.recordings import open_recording
-from gpvo.recordings.base import Recording
+from gpvo.recordings import Recording, open_recording
 from gpvo.simulation.tracklets import TrackletSimulation
-from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.states import States
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.tracking import Measurements
+from gpvo.trajectory import States, Trajectory
 
 Array = NDArray[np.float64]
 Update = tuple[int, float, Measurements, VelocityFit | None]

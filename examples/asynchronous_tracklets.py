@@ -15,10 +15,10 @@ import numpy as np
 
 from factors import StereoCamera
 from factors.lie import se3_exp, se3_inverse
-from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.estimator.smoother import FixedLagSmoother
-from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.estimator import FixedLagSmoother
+from gpvo.tracking import Measurements
+from gpvo.trajectory import Trajectory
 
 CAMERA = StereoCamera(fx=226.0, fy=226.0, cx=173.0, cy=130.0, baseline=0.1)
 PERIOD = 0.05  # seconds per cluster

@@ -1,10 +1,10 @@
 """gpvo: continuous-time visual odometry for stereo event cameras."""
 
-from gpvo.config.stages import Configuration
+from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.trajectory import Trajectory
 
 __all__ = [
     "Configuration",

@@ -11,16 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
-from gpvo.config.stages import Configuration
-from gpvo.events.clustering import StereoCluster
-from gpvo.mc_ransac.iterative import VelocityFit
-from gpvo.mc_ransac.mc_ransac import mc_ransac
-from gpvo.mc_ransac.segments import segments_between
-from gpvo.recordings.calibration.rig import StereoRig
-from gpvo.tracking.measurements import Measurements
-from gpvo.tracking.observations import Observations
-from gpvo.tracking.tracker import Tracker, make_tracker
-from gpvo.tracking.tracklets import Tracklets
+from gpvo.config import Configuration
+from gpvo.events import StereoCluster
+from gpvo.mc_ransac import VelocityFit, mc_ransac, segments_between
+from gpvo.recordings import StereoRig
+from gpvo.tracking import Measurements, Observations, Tracker, Tracklets, make_tracker
 
 
 @dataclass(frozen=True, eq=False)

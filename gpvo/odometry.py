@@ -11,16 +11,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from gpvo.config.stages import Configuration
+from gpvo.config import Configuration
 from gpvo.errors import InputError
-from gpvo.estimator.blas_threads import one_blas_thread
-from gpvo.estimator.estimator import make_estimator
-from gpvo.events.clustering import StereoCluster, cluster_events
+from gpvo.estimator import make_estimator, one_blas_thread
+from gpvo.events import StereoCluster, cluster_events
 from gpvo.front_end import FrontEnd
-from gpvo.recordings.base import Recording
-from gpvo.recordings.calibration.rig import StereoRig
-from gpvo.tracking.tracker import Tracker
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.recordings import Recording, StereoRig
+from gpvo.tracking import Tracker
+from gpvo.trajectory import Trajectory
 
 T = TypeVar("T")
 

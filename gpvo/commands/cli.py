@@ -12,8 +12,7 @@ from gpvo.commands.info import info
 from gpvo.commands.inspect import inspect_front_end
 from gpvo.commands.run import demo, run
 from gpvo.commands.tune_noise import tune_noise
-from gpvo.config.stages import Configuration
-from gpvo.config.yaml_file import configuration_text
+from gpvo.config import Configuration, configuration_text
 from gpvo.errors import InputError
 
 BAD_INPUT = 2

@@ -19,11 +19,10 @@ from gpvo.commands.inputs import LeftTopic, RightTopic, console
 from gpvo.commands.progress import reading_progress
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.load import load_poses
-from gpvo.recordings.base import Events, Recording
+from gpvo.recordings import Events, Recording, open_recording
 from gpvo.recordings.calibration.find import Calibration, MissingCalibrationError
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
 from gpvo.recordings.checks.clock_offset import clock_offset
-from gpvo.recordings.open_recording import open_recording
 
 GAP_SECONDS = 0.05
 """A moving camera, and even the noise of one at rest, is never silent for so long."""

@@ -8,12 +8,11 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from gpvo.config.stages import Configuration
-from gpvo.config.yaml_file import load_configuration
+from gpvo.config import Configuration, load_configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.load import load_poses
-from gpvo.recordings.base import Recording
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.recordings import Recording
+from gpvo.trajectory import StampedPoses
 
 console = Console()
 """Where commands print."""

@@ -22,15 +22,14 @@ from gpvo.commands.inputs import (
     console,
     load_ground_truth,
 )
-from gpvo.config.stages import Configuration
-from gpvo.config.yaml_file import configuration_text, load_fields
+from gpvo.config import Configuration, configuration_text, load_fields
 from gpvo.errors import InputError
 from gpvo.evaluation.front_end.inspect import inspect
 from gpvo.evaluation.front_end.summary import summarize
 from gpvo.evaluation.front_end.truth import Truth, truth_of_poses, truth_of_simulation
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.recordings import Recording, open_recording
-from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
+from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 
 
 def inspect_front_end(

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from gpvo.config.stages import Configuration
-from gpvo.config.yaml_file import configuration_text
-from gpvo.estimator.diagnostics import Repair
+from gpvo.config import Configuration, configuration_text
+from gpvo.estimator import Repair
 from gpvo.evaluation import Evaluation, evaluate
 from gpvo.evaluation.evaluate import common_stamps
 from gpvo.evaluation.metrics.association import common_part
@@ -20,9 +19,7 @@ from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import COST_FILE
 from gpvo.evaluation.report.weak_stretches import weak_stretches
 from gpvo.odometry import ClusterReport
-from gpvo.trajectory.stamped_poses import StampedPoses
-from gpvo.trajectory.trajectory import Trajectory
-from gpvo.trajectory.tum import write_tum
+from gpvo.trajectory import StampedPoses, Trajectory, write_tum
 
 FILES = (
     "trajectory.tum",

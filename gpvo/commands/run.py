@@ -25,7 +25,7 @@ from gpvo.commands.inputs import (
 from gpvo.commands.live_trajectory import LiveFile
 from gpvo.commands.progress import RunProgress
 from gpvo.commands.result import FILES, Result, evaluate_trajectory
-from gpvo.config.stages import Configuration
+from gpvo.config import Configuration
 from gpvo.evaluation.report.machine import machine_text
 from gpvo.evaluation.report.paper_tables import evaluation_tables
 from gpvo.evaluation.report.result_folder import make_folder
@@ -33,8 +33,8 @@ from gpvo.evaluation.report.run_time import CostMeter, cost_table, write_cost
 from gpvo.evaluation.report.table import to_rich
 from gpvo.odometry import ClusterReport, Odometry
 from gpvo.recordings import Recording, open_recording
-from gpvo.simulation.recording import SimulationConfig, simulate
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.simulation import SimulationConfig, simulate
+from gpvo.trajectory import StampedPoses
 
 
 def run(

@@ -17,17 +17,15 @@ from gpvo.commands.inputs import (
     configured,
     load_ground_truth,
 )
-from gpvo.config.stages import Configuration, NoiseConfig
-from gpvo.estimator.diagnostics import Repair
+from gpvo.config import Configuration, NoiseConfig
+from gpvo.estimator import Repair
 from gpvo.estimator.noise_learning import states_of_poses, tuned_noise
-from gpvo.events.clustering import cluster_events
-from gpvo.mc_ransac.iterative import VelocityFit
+from gpvo.events import cluster_events
+from gpvo.mc_ransac import VelocityFit
 from gpvo.odometry import Odometry
-from gpvo.recordings import open_recording
-from gpvo.recordings.base import Recording
-from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.stamped_poses import StampedPoses
-from gpvo.trajectory.states import States
+from gpvo.recordings import Recording, open_recording
+from gpvo.tracking import Measurements
+from gpvo.trajectory import StampedPoses, States
 
 
 def tune_noise(

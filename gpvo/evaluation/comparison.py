@@ -25,7 +25,7 @@ from gpvo.evaluation.report.paper_tables import (
 from gpvo.evaluation.report.run_time import Cost, cost_table
 from gpvo.evaluation.report.table import ResultTable
 from gpvo.evaluation.report.weak_stretches import Stretch, weak_stretches
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 STRANGE_ROTATION = 0.35
 """Radians (20 degrees) off on the median: rather another body frame than an error."""

@@ -26,7 +26,8 @@ from gpvo.evaluation.metrics.paper_errors import (
     motion_integrals,
     relative_error,
 )
-from gpvo.trajectory.stamped_poses import StampedPoses, seconds_text
+from gpvo.trajectory import StampedPoses
+from gpvo.trajectory.stamped_poses import seconds_text
 
 Interpolation = Literal["linear", "gp"]
 

@@ -14,7 +14,7 @@ from gpvo.evaluation.metrics.association import associate, resample, tolerance_f
 from gpvo.evaluation.metrics.paper_errors import FrameTransform
 from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.report.run_time import Cost
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 Association = Literal["nearest", "interpolated"]
 BodyAlignment = Literal["none", "rotation", "full"]

@@ -1,1 +1,15 @@
 """Events become clusters with surfaces of active events, section III-A.1 of the paper."""
+
+from gpvo.events.clustering import (
+    ClusterEvents,
+    RectifiedEvents,
+    StereoCluster,
+    cluster_events,
+)
+
+__all__ = [
+    "ClusterEvents",
+    "RectifiedEvents",
+    "StereoCluster",
+    "cluster_events",
+]

@@ -14,11 +14,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gpvo.array_table import ArrayTable
-from gpvo.config.stages import ClusteringConfig
+from gpvo.config import ClusteringConfig
 from gpvo.events.contours import events_until_thick
 from gpvo.events.noise_filter import EventFilter
-from gpvo.recordings.base import Events, StereoEvents
-from gpvo.recordings.calibration.rig import StereoRig
+from gpvo.recordings import Events, StereoEvents, StereoRig
 
 
 @dataclass(frozen=True, eq=False)

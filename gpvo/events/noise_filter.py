@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.config.stages import ClusteringConfig
-from gpvo.recordings.base import Events
+from gpvo.config import ClusteringConfig
+from gpvo.recordings import Events
 
 LEAST_HOT = 20
 """Events of a pixel below which it is not judged hot."""

@@ -1,1 +1,15 @@
 """Outliers are rejected by one constant velocity, section III-B of the paper."""
+
+from gpvo.mc_ransac.fast import fast_mc_ransac
+from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
+from gpvo.mc_ransac.mc_ransac import mc_ransac
+from gpvo.mc_ransac.segments import Segments, segments_between
+
+__all__ = [
+    "Segments",
+    "VelocityFit",
+    "fast_mc_ransac",
+    "iterative_mc_ransac",
+    "mc_ransac",
+    "segments_between",
+]

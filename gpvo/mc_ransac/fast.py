@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
-from gpvo.config.stages import McRansacConfig
+from gpvo.config import McRansacConfig
 from gpvo.mc_ransac.fast_kernels import best_sample_velocity
 from gpvo.mc_ransac.segments import Segments, inlier_tolerance
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from factors.kernels.se3 import LEFT, jacobian_coefficients_kernel, kernel, se3_polynomial_kernel
 from factors.lie import se3_exp, se3_left_jacobian, skew
 from factors.stereo import StereoCamera
-from gpvo.config.stages import McRansacConfig
+from gpvo.config import McRansacConfig
 from gpvo.mc_ransac.fast_kernels import move, moved_points
 from gpvo.mc_ransac.segments import Segments, are_inliers
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
-from gpvo.config.stages import McRansacConfig
+from gpvo.config import McRansacConfig
 from gpvo.mc_ransac.fast import fast_mc_ransac
 from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
 from gpvo.mc_ransac.segments import Segments, are_inliers

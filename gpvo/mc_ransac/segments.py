@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
 from gpvo.array_table import ArrayTable
-from gpvo.config.stages import McRansacConfig
+from gpvo.config import McRansacConfig
 from gpvo.mc_ransac.fast_kernels import moved_points
-from gpvo.tracking.measurements import Measurements
+from gpvo.tracking import Measurements
 
 Array = NDArray[np.float64]
 

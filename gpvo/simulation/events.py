@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from gpvo.recordings.base import Events
+from gpvo.recordings import Events
 from gpvo.simulation.motion import Motion
 from gpvo.simulation.scene import Scene, pixel_grid, pixel_rays
 

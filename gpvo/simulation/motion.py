@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
+from gpvo.trajectory import StampedPoses
+from gpvo.trajectory.stamped_poses import rigid_transforms
 
 Array = NDArray[np.float64]
 MotionName = Literal["hand_held", "fast", "rotation", "back_and_forth", "corridor", "still"]

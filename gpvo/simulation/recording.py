@@ -13,16 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from gpvo.config.stages import StageConfig
-from gpvo.recordings.base import Events, Recording, StereoEvents
-from gpvo.recordings.calibration.rig import Camera, StereoRig
+from gpvo.config import StageConfig
+from gpvo.recordings import Camera, Events, Recording, StereoEvents, StereoRig
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.writing.hdf5 import MvsecWriter
 from gpvo.recordings.writing.writer import stamped, write_camchain
 from gpvo.simulation.events import Sensor, frame_times, simulate_events
 from gpvo.simulation.motion import CORRIDOR_SPEED, Motion, MotionName
 from gpvo.simulation.scene import Scene
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 START_NS = 1_000_000_000_000
 """Absolute stamp of the start of every simulation; small enough for exact float64 seconds."""

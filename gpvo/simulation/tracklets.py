@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera, wnoa_covariance
 from factors.lie import se3_exp, se3_inverse, se3_right_jacobian
-from gpvo.config.stages import NoiseConfig
-from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.states import States
+from gpvo.config import NoiseConfig
+from gpvo.tracking import Measurements
+from gpvo.trajectory import States
 
 Array = NDArray[np.float64]
 

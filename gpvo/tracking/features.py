@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gpvo.array_table import ArrayTable
-from gpvo.config.stages import FeatureConfig
+from gpvo.config import FeatureConfig
 
 BLOB_MASK = np.array(
     [

@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gpvo.config.stages import CompensationConfig
-from gpvo.events.clustering import RectifiedEvents, StereoCluster
+from gpvo.events import RectifiedEvents, StereoCluster
 from gpvo.tracking.observations import Observations
 
 Array = NDArray[np.float64]

@@ -12,8 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.config.stages import TrackingConfig
-from gpvo.events.clustering import StereoCluster
+from gpvo.config import TrackingConfig
+from gpvo.events import StereoCluster
 from gpvo.tracking.features import half_resolution
 from gpvo.tracking.haste.tracker import EventTracker
 from gpvo.tracking.klt.tracker import KltTracker

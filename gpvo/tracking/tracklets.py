@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.config.stages import TrackletConfig
-from gpvo.events.clustering import StereoCluster
+from gpvo.config import TrackletConfig
+from gpvo.events import StereoCluster
 from gpvo.tracking.measurements import Measurements
 from gpvo.tracking.observations import Observations
 

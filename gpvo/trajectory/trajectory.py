@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from factors import extrapolate, interpolate
 from factors.lie import se3_inverse
-from gpvo.config.stages import NoiseConfig
+from gpvo.config import NoiseConfig
 from gpvo.errors import InputError
 from gpvo.trajectory.covariance_knots import CovarianceKnots
 from gpvo.trajectory.stamped_poses import StampedPoses

@@ -10,11 +10,7 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(REPOSITORY))  # `benchmarks` is not installed
 
-from gpvo.simulation.recording import (  # noqa: E402
-    SimulatedRecording,
-    SimulationConfig,
-    simulate,
-)
+from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate  # noqa: E402
 
 SMALL = SimulationConfig(
     seed=1, motion="back_and_forth", duration=0.6, resolution=(160, 120), focal_length=110.0

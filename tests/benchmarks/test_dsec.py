@@ -17,11 +17,10 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.dsec import main
 from gpvo.errors import InputError
-from gpvo.recordings.base import Events
-from gpvo.recordings.calibration.rig import StereoRig
-from gpvo.simulation.recording import SimulatedRecording
-from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
-from gpvo.trajectory.tum import write_tum
+from gpvo.recordings import Events, StereoRig
+from gpvo.simulation import SimulatedRecording
+from gpvo.trajectory import StampedPoses, write_tum
+from gpvo.trajectory.stamped_poses import rigid_transforms
 
 NAME = "zurich_city_04_a"
 

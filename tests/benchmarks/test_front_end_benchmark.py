@@ -17,7 +17,7 @@ from benchmarks.front_end import (
     summary_table,
 )
 from benchmarks.known_motion import KnownRecording
-from gpvo.simulation.recording import SimulatedRecording
+from gpvo.simulation import SimulatedRecording
 
 FRONT_ENDS = (DEFAULT, "binary")
 

@@ -12,9 +12,8 @@ from benchmarks.mc_ransac import (
     frame_based_inliers,
     numpy_fast_mc_ransac,
 )
-from gpvo.config.stages import McRansacConfig
-from gpvo.mc_ransac.fast import fast_mc_ransac
-from gpvo.mc_ransac.mc_ransac import mc_ransac
+from gpvo.config import McRansacConfig
+from gpvo.mc_ransac import fast_mc_ransac, mc_ransac
 from gpvo.mc_ransac.segments import are_inliers
 
 

@@ -14,10 +14,8 @@ from rich.console import Console
 from benchmarks.mvsec import CALIBRATION, SPANS_NS, main
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.continuous import ContinuousPoses
-from gpvo.simulation.recording import SimulatedRecording
-from gpvo.trajectory.stamped_poses import StampedPoses
-from gpvo.trajectory.trajectory import Trajectory
-from gpvo.trajectory.tum import write_tum
+from gpvo.simulation import SimulatedRecording
+from gpvo.trajectory import StampedPoses, Trajectory, write_tum
 
 NAME = "indoor_flying1"
 

@@ -8,7 +8,7 @@ import pytest
 from benchmarks import native_times
 from benchmarks.known_motion import KnownRecording
 from benchmarks.native_times import Tracked, Variant, errors, grouped, run, table, track
-from gpvo.simulation.recording import SimulatedRecording
+from gpvo.simulation import SimulatedRecording
 
 
 @pytest.fixture(scope="module")

@@ -22,8 +22,8 @@ from benchmarks.simulated_summary import (
 )
 from gpvo.errors import InputError
 from gpvo.evaluation.report.run_time import Cost
-from gpvo.simulation.recording import SimulationConfig
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.simulation import SimulationConfig
+from gpvo.trajectory import StampedPoses
 
 SMALL = SimulationConfig(
     motion="back_and_forth", duration=0.5, resolution=(120, 90), focal_length=83.0

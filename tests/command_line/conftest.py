@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from run_files import RecordingFiles
 
-from gpvo.simulation.recording import SimulationConfig, simulate
+from gpvo.simulation import SimulationConfig, simulate
 
 NAME = "simulated_hand_held_2"
 

@@ -13,7 +13,7 @@ import pytest
 from run_files import RecordingFiles
 
 from gpvo.commands.live_trajectory import UNFINISHED
-from gpvo.trajectory.tum import read_tum
+from gpvo.trajectory import read_tum
 
 COMMAND = [sys.executable, "-c", "from gpvo.commands.cli import main; main()"]
 

@@ -15,7 +15,7 @@ from run_files import RecordingFiles
 
 from gpvo import Configuration
 from gpvo.commands.cli import main
-from gpvo.trajectory.tum import read_tum
+from gpvo.trajectory import read_tum
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")

@@ -16,11 +16,11 @@ from run_files import RecordingFiles
 
 from gpvo import Odometry, Trajectory, open_recording
 from gpvo.commands.cli import main
-from gpvo.config.yaml_file import load_configuration
+from gpvo.config import load_configuration
 from gpvo.errors import InputError
 from gpvo.recordings import StereoEvents
 from gpvo.recordings.files.mvsec import MvsecRecording
-from gpvo.trajectory.tum import read_tum
+from gpvo.trajectory import read_tum
 
 FILES = {
     "config.yaml",

@@ -12,7 +12,7 @@ from run_files import RecordingFiles
 from gpvo import open_recording
 from gpvo.commands.cli import main
 from gpvo.commands.inputs import load_ground_truth
-from gpvo.config.yaml_file import load_configuration
+from gpvo.config import load_configuration
 from gpvo.estimator.noise_learning import acceleration_psd
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from factors import StereoCamera
 from factors.lie import se3_exp, se3_inverse
-from gpvo.tracking.measurements import Measurements
+from gpvo.tracking import Measurements
 
 CAMERA = StereoCamera(200.0, 200.0, 173.0, 130.0, 0.1)
 TWIST = np.array([0.1, -0.2, 0.15, 0.3, -0.1, 0.4])

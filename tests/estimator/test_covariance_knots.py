@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.estimator.estimator import make_estimator
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.estimator import make_estimator
 from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
 from gpvo.simulation.tracklets import TrackletSimulation
-from gpvo.trajectory.covariance_knots import CovarianceKnots
+from gpvo.trajectory import CovarianceKnots
 
 
 def chain(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -8,12 +8,12 @@ from synthetic import CAMERA, TWIST, constant_velocity, tracklets
 
 from factors import wnoa_information
 from factors.lie import se3_inverse, se3_log
-from gpvo.config.stages import EstimatorConfig, NoiseConfig
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.estimator import FixedLagSmoother
 from gpvo.estimator.batch_window import SlidingWindow
 from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
-from gpvo.estimator.smoother import FixedLagSmoother
-from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.tracking import Measurements
+from gpvo.trajectory import Trajectory
 
 PERIOD = 0.05
 METHODS = {

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from synthetic import CAMERA, TWIST, constant_velocity, tracklets
 
-from gpvo.config.stages import EstimatorConfig, NoiseConfig
+from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.estimator.batch_graph import Window, gauss_newton
 from gpvo.estimator.graph_builder import (
     SAME_TIME,
@@ -20,9 +20,9 @@ from gpvo.estimator.graph_builder import (
     state_times,
 )
 from gpvo.estimator.initialization import fused_velocity
-from gpvo.mc_ransac.iterative import VelocityFit
-from gpvo.tracking.measurements import Measurements, seen_twice
-from gpvo.trajectory.states import States
+from gpvo.mc_ransac import VelocityFit
+from gpvo.tracking import Measurements, seen_twice
+from gpvo.trajectory import States
 
 MAKE = FactorMaker(CAMERA, NoiseConfig())
 

@@ -14,17 +14,16 @@ from test_estimators import NOTHING, PERIOD
 
 from factors import StructurelessStereoFactor
 from factors.lie import se3_inverse, se3_log
-from gpvo.config.stages import EstimatorConfig, NoiseConfig
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.estimator import FixedLagSmoother
 from gpvo.estimator.batch_graph import Window
 from gpvo.estimator.graph_builder import FactorMaker
 from gpvo.estimator.graph_update import Increment
-from gpvo.estimator.smoother import FixedLagSmoother
 from gpvo.estimator.structureless_landmarks import GOLDEN
 from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
 from gpvo.simulation.tracklets import TrackletSimulation
-from gpvo.tracking.measurements import Measurements, seen_twice
-from gpvo.trajectory.states import States
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.tracking import Measurements, seen_twice
+from gpvo.trajectory import States, Trajectory
 
 Cluster = tuple[float, Measurements]
 NOISE = NoiseConfig()

@@ -16,7 +16,7 @@ from test_robustness import behind_the_camera, outliers, run
 
 from factors import InterpolatedStereoFactor, WnoaPriorFactor, wnoa_covariance
 from factors.lie import se3_inverse, se3_log
-from gpvo.config.stages import EstimatorConfig, NoiseConfig
+from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.estimator.gaussian import IndeterminateError, Quadratic
 from gpvo.estimator.lag_window import LagWindow, Sensor, new_times
@@ -26,8 +26,8 @@ from gpvo.estimator.unique_times import bridge_covariance
 from gpvo.estimator.window_cost import Columns, Variables, WindowCost
 from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
 from gpvo.simulation.tracklets import TrackletSimulation
-from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.states import States
+from gpvo.tracking import Measurements
+from gpvo.trajectory import States
 
 NOISE = NoiseConfig()
 ANCHOR = np.diag(np.repeat([1e-3, 1.0], 6) ** 2)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from factors.lie import se3_exp
 from gpvo.estimator.final_states import joined
-from gpvo.trajectory.states import States
+from gpvo.trajectory import States
 
 
 def ends(rng: np.random.Generator, duration: float, size: float) -> States:

@@ -9,8 +9,8 @@ from gtsam.symbol_shorthand import V, X
 from synthetic import CAMERA, tracklets
 from test_estimators import METHODS, PERIOD, estimate
 
-from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.estimator.smoother import FixedLagSmoother
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.estimator import FixedLagSmoother
 from gpvo.estimator.state_times import Lag
 
 

@@ -10,10 +10,10 @@ import synthetic
 from synthetic import CAMERA, TWIST, constant_velocity
 from test_estimators import METHODS, NOTHING, PERIOD
 
-from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.mc_ransac.iterative import VelocityFit
-from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.mc_ransac import VelocityFit
+from gpvo.tracking import Measurements
+from gpvo.trajectory import Trajectory
 
 Cluster = tuple[float, Measurements]
 

@@ -13,9 +13,7 @@ from test_estimators import estimate
 
 from factors.lie import se3_exp, se3_inverse, se3_log
 from gpvo.errors import InputError
-from gpvo.trajectory.states import States
-from gpvo.trajectory.trajectory import Trajectory
-from gpvo.trajectory.tum import read_tum
+from gpvo.trajectory import States, Trajectory, read_tum
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpvo.config.stages import NoiseConfig
+from gpvo.config import NoiseConfig
 from gpvo.errors import InputError
 from gpvo.estimator.noise_learning import (
     acceleration_psd,
@@ -14,8 +14,8 @@ from gpvo.estimator.noise_learning import (
     tuned_noise,
 )
 from gpvo.simulation.tracklets import TrackletSimulation
-from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.states import States
+from gpvo.tracking import Measurements
+from gpvo.trajectory import States
 
 TRUE = NoiseConfig(
     acceleration_psd=(0.002, 0.004, 0.001, 0.02, 0.04, 0.01),

@@ -11,7 +11,8 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
+from gpvo.trajectory import StampedPoses
+from gpvo.trajectory.stamped_poses import rigid_transforms
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
 

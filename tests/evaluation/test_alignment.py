@@ -11,7 +11,8 @@ from gpvo.errors import InputError
 from gpvo.evaluation.metrics.alignment import Alignment, find_alignment
 from gpvo.evaluation.metrics.association import associate, nearest_indices, resample, tolerance_for
 from gpvo.evaluation.metrics.frame_and_clock_offsets import find_body_offset, find_time_offset
-from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
+from gpvo.trajectory import StampedPoses
+from gpvo.trajectory.stamped_poses import rigid_transforms
 
 seeds = st.integers(0, 10_000)
 

@@ -12,8 +12,7 @@ from gpvo.evaluation import common_stamps, evaluate
 from gpvo.evaluation.metrics.paper_errors import COMPONENTS, PaperStatistics
 from gpvo.evaluation.report.paper_tables import ErrorRow, evaluation_tables, global_error_table
 from gpvo.evaluation.report.table import Cell, ResultTable, to_html, to_latex, to_markdown, to_rich
-from gpvo.trajectory.stamped_poses import StampedPoses
-from gpvo.trajectory.tum import read_tum
+from gpvo.trajectory import StampedPoses, read_tum
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,7 @@ from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.poses.find import find_sources
 from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.report.run_time import CostMeter, write_cost
-from gpvo.trajectory.stamped_poses import StampedPoses
-from gpvo.trajectory.trajectory import Trajectory
-from gpvo.trajectory.tum import write_tum
+from gpvo.trajectory import StampedPoses, Trajectory, write_tum
 
 
 @pytest.fixture

@@ -13,8 +13,7 @@ from evo.tools import file_interface
 
 from gpvo.evaluation import absolute_trajectory_error, find_alignment, relative_pose_error
 from gpvo.evaluation.metrics.association import associate, resample
-from gpvo.trajectory.stamped_poses import StampedPoses
-from gpvo.trajectory.tum import read_tum
+from gpvo.trajectory import StampedPoses, read_tum
 
 PAIRS = [
     ("mvsec_indoor_flying1", "esvo2.txt", "stamped_groundtruth.txt", 0.02),

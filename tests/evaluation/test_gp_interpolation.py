@@ -8,7 +8,8 @@ from factors.lie import se3_exp
 from factors.wnoa import wnoa_error, wnoa_information
 from gpvo.errors import InputError
 from gpvo.evaluation.metrics.gp_interpolation import interpolate_by_gp, most_probable_velocities
-from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
+from gpvo.trajectory import StampedPoses
+from gpvo.trajectory.stamped_poses import rigid_transforms
 
 
 def swing(t: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.load import load_poses
-from gpvo.trajectory.tum import write_tum
+from gpvo.trajectory import write_tum
 
 
 @pytest.fixture

@@ -16,7 +16,8 @@ from gpvo.evaluation.metrics.paper_errors import (
     motion_integrals,
     relative_error,
 )
-from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
+from gpvo.trajectory import StampedPoses
+from gpvo.trajectory.stamped_poses import rigid_transforms
 
 seeds = st.integers(0, 10_000)
 

@@ -8,13 +8,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from factors.lie import se3_inverse
 from gpvo.errors import InputError
-from gpvo.trajectory.stamped_poses import (
-    StampedPoses,
-    quaternions,
-    rigid_transforms,
-    seconds_text,
-)
-from gpvo.trajectory.tum import TumWriter, parse_tum, read_tum, tum_lines, write_tum
+from gpvo.trajectory import StampedPoses, read_tum, write_tum
+from gpvo.trajectory.stamped_poses import quaternions, rigid_transforms, seconds_text
+from gpvo.trajectory.tum import TumWriter, parse_tum, tum_lines
 
 GOOD = "1.5 1 2 3 0 0 0 1"
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gpvo.evaluation.report.weak_stretches import weak_stretches
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.trajectory import Trajectory
 
 START_NS = 5_000_000_000
 

@@ -7,7 +7,7 @@ from gpvo.errors import InputError
 from gpvo.evaluation.metrics.ate_rpe import pose_pairs, relative_pose_error
 from gpvo.evaluation.metrics.kitti_segments import KITTI_LENGTHS, segment_errors
 from gpvo.evaluation.metrics.statistics import Statistics
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 
 def test_relative_error_does_not_depend_on_the_worlds(random_walk, random_transform):

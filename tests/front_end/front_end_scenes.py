@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from factors.lie import se3_exp
 from factors.stereo import StereoCamera
-from gpvo.events.clustering import ClusterEvents, RectifiedEvents, StereoCluster
+from gpvo.events import ClusterEvents, RectifiedEvents, StereoCluster
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

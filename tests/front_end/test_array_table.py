@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from gpvo.array_table import ArrayTable
-from gpvo.mc_ransac.segments import Segments
-from gpvo.recordings.base import Events
+from gpvo.mc_ransac import Segments
+from gpvo.recordings import Events
 from gpvo.recordings.streams import EventBlock
-from gpvo.tracking.measurements import Measurements
-from gpvo.tracking.observations import Observations
-from gpvo.trajectory.states import States
+from gpvo.tracking import Measurements, Observations
+from gpvo.trajectory import States
 
 N = np.arange(5)
 TABLES = [

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gpvo.config.stages import ClusteringConfig
-from gpvo.events.clustering import StereoCluster, cluster_events, rectified_cluster
-from gpvo.recordings.base import Events, StereoEvents
-from gpvo.recordings.calibration.rig import Camera, StereoRig
+from gpvo.config import ClusteringConfig
+from gpvo.events import StereoCluster, cluster_events
+from gpvo.events.clustering import rectified_cluster
+from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 
 HEIGHT, WIDTH = 12, 16
 LENS = Camera((WIDTH, HEIGHT), np.array([20.0, 20, 8, 6]), "none", np.zeros(4), np.eye(3))

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gpvo.config.stages import ClusteringConfig
-from gpvo.events.clustering import StereoCluster, cluster_events
+from gpvo.config import ClusteringConfig
+from gpvo.events import StereoCluster, cluster_events
 from gpvo.events.contours import BLOCK, events_until_thick
-from gpvo.recordings.base import Events, StereoEvents
-from gpvo.recordings.calibration.rig import Camera, StereoRig
+from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 
 WIDTH, HEIGHT = 64, 48
 LENS = Camera((WIDTH, HEIGHT), np.array([20.0, 20, 32, 24]), "none", np.zeros(4), np.eye(3))

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gpvo.config.stages import ClusteringConfig
-from gpvo.events.clustering import ClusterEvents
+from gpvo.config import ClusteringConfig
+from gpvo.events import ClusterEvents
 from gpvo.events.noise_filter import LEAST_HOT, EventFilter
-from gpvo.recordings.base import Events
+from gpvo.recordings import Events
 
 WIDTH, HEIGHT = 12, 9
 

@@ -22,9 +22,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from gpvo import Odometry
-from gpvo.config.stages import Configuration, EventTrackerConfig, TrackingConfig
-from gpvo.events.clustering import ClusterEvents, RectifiedEvents, StereoCluster
-from gpvo.recordings.calibration.rig import Camera, StereoRig
+from gpvo.config import Configuration, TrackingConfig
+from gpvo.config.stages import EventTrackerConfig
+from gpvo.events import ClusterEvents, RectifiedEvents, StereoCluster
+from gpvo.recordings import Camera, StereoRig
+from gpvo.tracking import Observations, make_tracker
 from gpvo.tracking.haste.event_rows import event_rows, events_around, latest_around
 from gpvo.tracking.haste.hypotheses import (
     HYPOTHESES,
@@ -38,8 +40,6 @@ from gpvo.tracking.haste.hypotheses import (
 from gpvo.tracking.haste.stereo_matching import best_shift
 from gpvo.tracking.haste.templates import align, blur_kernel, correlation, draw, normalized
 from gpvo.tracking.haste.tracker import EventTracker
-from gpvo.tracking.observations import Observations
-from gpvo.tracking.tracker import make_tracker
 
 Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32)

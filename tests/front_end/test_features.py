@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from gpvo.config.stages import FeatureConfig
+from gpvo.config import FeatureConfig
 from gpvo.tracking.features import (
     BLOB_MASK,
     CORNER_MASK,

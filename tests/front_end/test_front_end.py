@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from gpvo import Odometry
-from gpvo.config.stages import Configuration, TrackingConfig
+from gpvo.config import Configuration, TrackingConfig
 from gpvo.evaluation.front_end.inspect import inspect
 from gpvo.evaluation.front_end.truth import truth_of_simulation
-from gpvo.events.clustering import StereoCluster
-from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
-from gpvo.tracking.observations import Observations
-from gpvo.tracking.tracker import make_tracker
+from gpvo.events import StereoCluster
+from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
+from gpvo.tracking import Observations, make_tracker
 
 FEW = Configuration.model_validate({"tracking": {"klt": {"max_features": 40}}})
 

@@ -15,7 +15,8 @@ from factors.lie import se3_exp
 from factors.stereo import StereoCamera
 from gpvo.commands.cli import app
 from gpvo.commands.inspect import inspect_command
-from gpvo.config.stages import Configuration, KltConfig, TrackingConfig
+from gpvo.config import Configuration, TrackingConfig
+from gpvo.config.stages import KltConfig
 from gpvo.errors import InputError
 from gpvo.evaluation.front_end.inspect import (
     AGREEMENT,
@@ -27,9 +28,9 @@ from gpvo.evaluation.front_end.inspect import (
 from gpvo.evaluation.front_end.report import FILES, tracklet_strip
 from gpvo.evaluation.front_end.summary import flow_slopes, summarize
 from gpvo.evaluation.front_end.truth import Truth, truth_of_poses, truth_of_simulation
-from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
-from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
+from gpvo.tracking import Measurements
+from gpvo.trajectory import StampedPoses
 
 CAMERA = StereoCamera(200.0, 200.0, 120.0, 90.0, 0.1)
 TWIST = np.array([0.1, -0.3, 0.2, 0.3, 0.1, 0.2])

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gpvo.config.stages import FeatureConfig, Viso2Config
+from gpvo.config import FeatureConfig, Viso2Config
 from gpvo.tracking.features import Features, detect
 from gpvo.tracking.viso2.quad_matching import (
     NO_MATCH,

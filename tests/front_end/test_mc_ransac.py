@@ -9,17 +9,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
-from gpvo.config.stages import McRansacConfig
-from gpvo.mc_ransac.fast import fast_mc_ransac
+from gpvo.config import McRansacConfig
+from gpvo.mc_ransac import Segments, fast_mc_ransac, iterative_mc_ransac, mc_ransac
 from gpvo.mc_ransac.fast_kernels import moved_points
-from gpvo.mc_ransac.iterative import (
-    iterative_mc_ransac,
-    normal_equations,
-    reprojection_error,
-    velocity_covariance,
-)
-from gpvo.mc_ransac.mc_ransac import mc_ransac
-from gpvo.mc_ransac.segments import Segments, are_inliers, inlier_tolerance
+from gpvo.mc_ransac.iterative import normal_equations, reprojection_error, velocity_covariance
+from gpvo.mc_ransac.segments import are_inliers, inlier_tolerance
 
 Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32)

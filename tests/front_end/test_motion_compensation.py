@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpvo.config.stages import CompensationConfig
-from gpvo.events.clustering import ClusterEvents, RectifiedEvents, StereoCluster
+from gpvo.events import ClusterEvents, RectifiedEvents, StereoCluster
+from gpvo.tracking import Observations
 from gpvo.tracking.motion_compensation import (
     CompensatedImage,
     Flow,
     MotionCompensation,
     flow_between,
 )
-from gpvo.tracking.observations import Observations
 
 SHAPE = (60, 80)
 START, STOP = 0.40, 0.46

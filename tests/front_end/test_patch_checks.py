@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from gpvo.config.stages import KltConfig, TrackingConfig
+from gpvo.config import TrackingConfig
+from gpvo.config.stages import KltConfig
+from gpvo.tracking import Observations
 from gpvo.tracking.features import smooth
 from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
 from gpvo.tracking.klt.tracker import KltTracker
-from gpvo.tracking.observations import Observations
 
 RADIUS = 4
 FIRST, SECOND = (random_grey(seed, 60) for seed in (1, 2))

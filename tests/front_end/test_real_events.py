@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from gpvo import Odometry, open_recording
-from gpvo.config.stages import TrackingConfig
-from gpvo.events.clustering import StereoCluster, rectified_cluster
-from gpvo.recordings.base import Events
+from gpvo.config import TrackingConfig
+from gpvo.events import StereoCluster
+from gpvo.events.clustering import rectified_cluster
+from gpvo.recordings import Events
 from gpvo.tracking.tracker import MultiResolutionTracker
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"

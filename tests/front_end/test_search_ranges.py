@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gpvo.config.stages import Viso2Config
+from gpvo.config import Viso2Config
 from gpvo.tracking.viso2.search_ranges import (
     STEPS,
     STEREO_STEPS,

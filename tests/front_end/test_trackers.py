@@ -19,10 +19,10 @@ from front_end_scenes import (
 )
 from numpy.typing import NDArray
 
-from gpvo.config.stages import TrackingConfig
-from gpvo.events.clustering import RectifiedEvents, StereoCluster
-from gpvo.tracking.observations import Observations
-from gpvo.tracking.tracker import make_tracker, to_full_resolution
+from gpvo.config import TrackingConfig
+from gpvo.events import RectifiedEvents, StereoCluster
+from gpvo.tracking import Observations, make_tracker
+from gpvo.tracking.tracker import to_full_resolution
 from gpvo.tracking.viso2.tracker import NO_LANDMARK, Viso2Tracker
 
 IMAGE_TRACKERS = ["klt", "viso2"]

@@ -8,12 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gpvo.config.stages import TrackletConfig
-from gpvo.events.clustering import ClusterEvents, StereoCluster
-from gpvo.mc_ransac.segments import segments_between
-from gpvo.tracking.measurements import Measurements
-from gpvo.tracking.observations import Observations
-from gpvo.tracking.tracklets import Tracklets, feature_times
+from gpvo.config import TrackletConfig
+from gpvo.events import ClusterEvents, StereoCluster
+from gpvo.mc_ransac import segments_between
+from gpvo.tracking import Measurements, Observations, Tracklets
+from gpvo.tracking.tracklets import feature_times
 
 HEIGHT, WIDTH = 60, 80
 seeds = st.integers(0, 2**32)

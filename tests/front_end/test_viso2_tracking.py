@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from front_end_scenes import MovingPlane, Texture
 
-from gpvo.config.stages import TrackingConfig
+from gpvo.config import TrackingConfig
 from gpvo.tracking.viso2.tracker import NO_LANDMARK, Viso2Tracker
 
 FRAMES = 3

@@ -15,8 +15,7 @@ from recording_files import HEIGHT, WIDTH, camchain
 from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
-from gpvo.recordings import open_recording, read_calibration
-from gpvo.recordings.calibration.rig import StereoRig
+from gpvo.recordings import StereoRig, open_recording, read_calibration
 from gpvo.recordings.writing.writer import write_camchain as write_camchain_of_rig
 
 Write = Callable[[Any], Path]

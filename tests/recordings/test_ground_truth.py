@@ -16,8 +16,8 @@ from test_calibrations import T_RIGHT_LEFT, basalt, dsec, reference, turned
 
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.load import load_poses
-from gpvo.recordings.calibration.rig import StereoRig
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.recordings import StereoRig
+from gpvo.trajectory import StampedPoses
 
 STAMPS = START_NS + 8_333_000 * np.arange(40)
 T_WORLD_LEFT = np.stack([turned(3.0 * i, 0.02 * i, -0.01 * i, 0.3) for i in range(40)])

@@ -12,8 +12,7 @@ import yaml
 from recording_files import camchain
 
 from gpvo.errors import InputError
-from gpvo.recordings import open_recording, read_kalibr
-from gpvo.recordings.calibration.rig import Camera, StereoRig
+from gpvo.recordings import Camera, StereoRig, open_recording, read_kalibr
 
 Write = Callable[[Any], Path]
 

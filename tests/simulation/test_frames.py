@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from gpvo.simulation import SimulationConfig
 from gpvo.simulation.events import frame_times
 from gpvo.simulation.motion import Motion, MotionName
-from gpvo.simulation.recording import SimulationConfig
 from gpvo.simulation.scene import Scene, pixel_grid, pixel_rays
 
 

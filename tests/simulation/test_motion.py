@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gpvo.simulation import SimulationConfig
 from gpvo.simulation.motion import Motion, MotionName
-from gpvo.simulation.recording import SimulationConfig
 
 NAMES = get_args(MotionName)
 seeds = st.integers(0, 2**32)

@@ -6,10 +6,9 @@ import h5py
 import numpy as np
 import pytest
 
-from gpvo.recordings.base import Events
-from gpvo.recordings.calibration.rig import StereoRig
+from gpvo.recordings import Events, StereoRig
 from gpvo.recordings.files.mvsec import MvsecRecording
-from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
+from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 from gpvo.simulation.scene import pixel_grid, pixel_rays
 
 SMALL = SimulationConfig(

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
+from gpvo.simulation import SimulationConfig
 from gpvo.simulation.motion import Motion
-from gpvo.simulation.recording import SimulationConfig
 from gpvo.simulation.scene import Scene, pixel_rays
 
 CONFIG = SimulationConfig(seed=4)

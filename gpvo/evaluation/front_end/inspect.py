@@ -13,16 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
-from gpvo.config.stages import Configuration
+from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.front_end.truth import Truth
-from gpvo.events.clustering import StereoCluster, cluster_events
+from gpvo.events import StereoCluster, cluster_events
 from gpvo.front_end import FrontEnd
-from gpvo.mc_ransac.fast import fast_mc_ransac
-from gpvo.mc_ransac.segments import Segments, segments_between
-from gpvo.recordings.base import Recording
-from gpvo.tracking.measurements import Measurements
-from gpvo.tracking.observations import Observations
+from gpvo.mc_ransac import Segments, fast_mc_ransac, segments_between
+from gpvo.recordings import Recording
+from gpvo.tracking import Measurements, Observations
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

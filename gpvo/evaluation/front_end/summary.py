@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.evaluation.front_end.inspect import SLOPE_AGREEMENT, InspectedCluster, JudgedTracklets
-from gpvo.tracking.measurements import Measurements
+from gpvo.tracking import Measurements
 
 Array = NDArray[np.float64]
 Numbers = dict[str, float]

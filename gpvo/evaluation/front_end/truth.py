@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_inverse, se3_log
 from factors.stereo import StereoCamera
-from gpvo.simulation.recording import SimulatedRecording
-from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.simulation import SimulatedRecording
+from gpvo.tracking import Measurements
+from gpvo.trajectory import StampedPoses
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gpvo.errors import InputError
-from gpvo.trajectory.stamped_poses import StampedPoses, seconds_text
+from gpvo.trajectory import StampedPoses
+from gpvo.trajectory.stamped_poses import seconds_text
 
 
 def associate(

@@ -16,7 +16,7 @@ from factors.lie import se3_inverse
 from gpvo.errors import InputError
 from gpvo.evaluation.metrics.alignment import Alignment, AlignmentMethod, find_alignment
 from gpvo.evaluation.metrics.statistics import Statistics
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 DeltaUnit = Literal["frames", "seconds", "metres"]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]

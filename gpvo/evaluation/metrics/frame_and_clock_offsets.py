@@ -11,7 +11,7 @@ from gpvo.errors import InputError
 from gpvo.evaluation.metrics.alignment import nearest_rotation, umeyama_alignment
 from gpvo.evaluation.metrics.association import interval_text
 from gpvo.evaluation.metrics.ate_rpe import relative_motions, rotation_angles
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 SAMPLE_NS = 5_000_000
 """Motions are sampled every 5 ms for the time offset."""

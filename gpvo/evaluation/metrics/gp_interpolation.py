@@ -13,7 +13,7 @@ from scipy.linalg import solveh_banded
 from factors.interpolation import interpolate
 from factors.lie import se3_log, se3_right_jacobian_inverse
 from gpvo.evaluation.metrics.paper_errors import steps
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 
 def interpolate_by_gp(poses: StampedPoses, stamps_ns: ArrayLike) -> StampedPoses:

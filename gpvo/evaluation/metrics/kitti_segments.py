@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_inverse
 from gpvo.evaluation.metrics.ate_rpe import pose_progress, relative_motions, rotation_angles
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 KITTI_LENGTHS = tuple(range(100, 900, 100))
 """Metres, for cars."""

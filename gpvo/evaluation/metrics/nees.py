@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from factors.lie import se3_inverse, se3_log
-from gpvo.trajectory.states import States
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.trajectory import States, Trajectory
 
 Array = NDArray[np.float64]
 

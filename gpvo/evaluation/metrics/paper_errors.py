@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.lie import se3_inverse, se3_log
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 Component = Literal["translation", "rotation", "se3"]
 COMPONENTS: tuple[Component, ...] = ("translation", "rotation", "se3")

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.errors import InputError
+from gpvo.recordings import StereoRig
 from gpvo.recordings.calibration.basalt import imu_to_left, imu_to_marker
 from gpvo.recordings.calibration.dsec import lidar_to_left
 from gpvo.recordings.calibration.fields import Fields, load_fields
-from gpvo.recordings.calibration.rig import StereoRig
 
 Transform = NDArray[np.float64]
 

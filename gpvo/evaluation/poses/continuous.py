@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpvo.trajectory.stamped_poses import StampedPoses
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.trajectory import StampedPoses, Trajectory
 
 
 @dataclass(frozen=True, eq=False)

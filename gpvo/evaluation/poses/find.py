@@ -8,8 +8,8 @@ from pathlib import Path
 
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.load import TRAJECTORY_NAMES, load_poses, split_topic
-from gpvo.recordings.calibration.find import read_calibration
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.recordings import read_calibration
+from gpvo.trajectory import StampedPoses
 
 GROUND_TRUTH_NAMES = ("ground_truth.tum", "stamped_groundtruth.txt")
 """What `gpvo run` and rpg_trajectory_evaluation call the ground truth in a folder."""

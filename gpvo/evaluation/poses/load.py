@@ -13,10 +13,9 @@ from gpvo.errors import InputError
 from gpvo.evaluation.poses.body_frames import body_to_left, raw_to_rectified
 from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.poses.rosbag import read_pose_bag
+from gpvo.recordings import StereoRig
 from gpvo.recordings.bags.rosbag1 import RosBag1, is_rosbag1
-from gpvo.recordings.calibration.rig import StereoRig
-from gpvo.trajectory.stamped_poses import StampedPoses
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.trajectory import StampedPoses, Trajectory
 from gpvo.trajectory.tum import parse_tum
 
 KITTI_FRAME_NS = 100_000_000

@@ -11,7 +11,8 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
-from gpvo.trajectory.stamped_poses import StampedPoses, rigid_transforms
+from gpvo.trajectory import StampedPoses
+from gpvo.trajectory.stamped_poses import rigid_transforms
 
 POSE_TYPES = {
     "geometry_msgs/msg/PoseStamped": lambda message: message.pose,

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from factors.lie import se3_inverse
 from gpvo.evaluation.evaluate import Evaluation
 from gpvo.evaluation.report.weak_stretches import Stretch
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 TRUTH_COLOUR = "#555555"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")

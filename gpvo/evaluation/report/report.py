@@ -15,7 +15,7 @@ from gpvo.evaluation.comparison import Comparison
 from gpvo.evaluation.report.plots import error_figure, path_figure, path_figure_3d, png
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.table import LATEX_PACKAGES, to_html, to_latex, to_markdown
-from gpvo.trajectory.stamped_poses import StampedPoses
+from gpvo.trajectory import StampedPoses
 
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem }

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.trajectory.trajectory import Trajectory
+from gpvo.trajectory import Trajectory
 
 BIN = 0.1
 """Seconds in which states are counted."""

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.config.stages import TrackingConfig
-from gpvo.events.clustering import ClusterEvents, StereoCluster
+from gpvo.config import TrackingConfig
+from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.tracking.features import extrema, smooth, strongest_spaced
 from gpvo.tracking.haste.event_rows import EventRows, event_rows, latest_around
 from gpvo.tracking.haste.hypotheses import Patches, follow, judge, new_patches

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.config.stages import TrackingConfig
+from gpvo.config import TrackingConfig
 from gpvo.tracking.features import extrema, smooth, strongest_spaced
 from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
 from gpvo.tracking.observations import Observations

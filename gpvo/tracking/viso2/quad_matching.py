@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.config.stages import Viso2Config
+from gpvo.config import Viso2Config
 from gpvo.tracking.features import Features
 from gpvo.tracking.viso2.delaunay_support import are_supported
 from gpvo.tracking.viso2.search_ranges import SearchRanges

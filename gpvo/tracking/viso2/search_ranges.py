@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.config.stages import Viso2Config
+from gpvo.config import Viso2Config
 
 STEPS = 4
 """Current left to current right, previous right, previous left, and back."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.config.stages import FeatureConfig, TrackingConfig
+from gpvo.config import FeatureConfig, TrackingConfig
 from gpvo.tracking.features import detect, gradients, smooth
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.viso2.bucketing import best_per_cell
