@@ -6,8 +6,7 @@ from factors.interpolated_stereo import InterpolatedStereoFactor
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.solver import optimize
 from factors.stereo import StereoCamera, StereoReprojectionFactor
-from factors.structureless.multi_landmark import StructurelessStereoFactor
-from factors.structureless.tracklet import TrackletFactor
+from factors.structureless import StructurelessStereoFactor, TrackletFactor
 from factors.wnoa import (
     WnoaPriorFactor,
     wnoa_covariance,

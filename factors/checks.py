@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.kernels.se3 import Array
+from factors.kernels import Array
 
 
 def checked_array(name: str, array: ArrayLike, element: tuple[int, ...]) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_duration, checked_noise, checked_vector
-from factors.kernels.se3 import (
+from factors.kernels import (
     RIGHT,
     Array,
     exp_kernel,

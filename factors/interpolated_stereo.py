@@ -8,16 +8,19 @@ from numpy.typing import ArrayLike
 
 from factors.checks import checked_noise, power_spectral_density
 from factors.jacobian_blocks import JacobianBlocks
-from factors.kernels.local_variables import (
+from factors.kernels import (
     EXACT,
+    Array,
+    copy_columns_kernel,
     hermite_weights,
     interpolated_local_kernel,
+    kernel,
     local_jacobian_kernel,
     local_state_kernel,
     retract_kernel,
+    row_major_kernel,
     rows_by_states_kernel,
 )
-from factors.kernels.se3 import Array, copy_columns_kernel, kernel, row_major_kernel
 from factors.stereo import StereoCamera, checked_measurement, reprojection_kernel
 
 _BLOCKS = JacobianBlocks(3, (6, 6, 6, 6, 3))

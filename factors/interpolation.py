@@ -11,14 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_array, power_spectral_density
-from factors.kernels.local_variables import (
+from factors.kernels import (
     EXACT,
+    Array,
     hermite_weights,
     interpolated_local_kernel,
+    kernel,
     local_state_kernel,
     retract_kernel,
 )
-from factors.kernels.se3 import Array, kernel
 from factors.wnoa import information_root, kronecker, whitening, wnoa_kernel
 
 

@@ -11,7 +11,7 @@ from threading import Lock
 import gtsam
 import numpy as np
 
-from factors.kernels.se3 import Array
+from factors.kernels import Array
 
 
 class JacobianBlocks:

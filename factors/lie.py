@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_array
-from factors.kernels.se3 import (
+from factors.kernels import (
     LEFT,
     Array,
     copy_kernel,

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from factors.checks import checked_noise, checked_vector
 from factors.jacobian_blocks import JacobianBlocks
-from factors.kernels.se3 import Array, copy_columns_kernel, kernel, row_major_kernel
+from factors.kernels import Array, copy_columns_kernel, kernel, row_major_kernel
 
 _BLOCKS = JacobianBlocks(3, (6, 3))
 

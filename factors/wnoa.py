@@ -13,14 +13,18 @@ from numpy.typing import ArrayLike
 
 from factors.checks import checked_duration, power_spectral_density
 from factors.jacobian_blocks import JacobianBlocks
-from factors.kernels.local_variables import (
+from factors.kernels import (
     EXACT,
     FIRST_ORDER,
+    Array,
+    copy_kernel,
+    inner_kernel,
+    kernel,
     local_blocks_kernel,
     local_jacobian_kernel,
     local_state_kernel,
+    row_major_kernel,
 )
-from factors.kernels.se3 import Array, copy_kernel, inner_kernel, kernel, row_major_kernel
 
 _BLOCKS = JacobianBlocks(12, (6, 6, 6, 6))
 

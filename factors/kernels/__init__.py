@@ -1,1 +1,53 @@
 """Compiled kernels that all factors share: SE(3), and the local variables of a state pair."""
+
+from factors.kernels.local_variables import (
+    EXACT,
+    FIRST_ORDER,
+    hermite_weights,
+    interpolated_local_kernel,
+    local_blocks_kernel,
+    local_jacobian_kernel,
+    local_state_kernel,
+    retract_kernel,
+    rows_by_states_kernel,
+)
+from factors.kernels.se3 import (
+    LEFT,
+    RIGHT,
+    Array,
+    copy_columns_kernel,
+    copy_kernel,
+    exp_kernel,
+    inner_kernel,
+    inverse_coefficients_kernel,
+    jacobian_coefficients_kernel,
+    kernel,
+    log_kernel,
+    row_major_kernel,
+    se3_polynomial_kernel,
+)
+
+__all__ = [
+    "EXACT",
+    "FIRST_ORDER",
+    "LEFT",
+    "RIGHT",
+    "Array",
+    "copy_columns_kernel",
+    "copy_kernel",
+    "exp_kernel",
+    "hermite_weights",
+    "inner_kernel",
+    "interpolated_local_kernel",
+    "inverse_coefficients_kernel",
+    "jacobian_coefficients_kernel",
+    "kernel",
+    "local_blocks_kernel",
+    "local_jacobian_kernel",
+    "local_state_kernel",
+    "log_kernel",
+    "retract_kernel",
+    "row_major_kernel",
+    "rows_by_states_kernel",
+    "se3_polynomial_kernel",
+]

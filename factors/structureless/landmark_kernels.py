@@ -10,12 +10,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.local_variables import (
+from factors.kernels import (
+    Array,
+    exp_kernel,
     hermite_weights,
+    inner_kernel,
     interpolated_local_kernel,
+    kernel,
     local_state_kernel,
 )
-from factors.kernels.se3 import Array, exp_kernel, inner_kernel, kernel
 from factors.structureless.robust_losses import loss_kernel
 
 Index = NDArray[np.int64]

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.kernels.local_variables import (
+from factors.kernels import (
     EXACT,
+    Array,
     hermite_weights,
+    inner_kernel,
     interpolated_local_kernel,
+    kernel,
     local_jacobian_kernel,
     local_state_kernel,
     rows_by_states_kernel,
 )
-from factors.kernels.se3 import Array, inner_kernel, kernel
 from factors.structureless.landmark_kernels import Index, landmark_rows_kernel, pose_rows_kernel
 
 _ROUNDING = 1e-12  # pivots below this, of a unit diagonal, are made of rounding errors

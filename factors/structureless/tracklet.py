@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_noise, power_spectral_density
-from factors.kernels.se3 import Array
+from factors.kernels import Array
 from factors.stereo import StereoCamera
 from factors.structureless.bracketing_states import BracketingStates, checked_times
 from factors.structureless.fitted_landmarks import Landmarks, checked_measurements

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.kernels.local_variables import (
+from factors.kernels import (
     EXACT,
+    Array,
     hermite_weights,
     interpolated_local_kernel,
+    kernel,
     local_jacobian_kernel,
     local_state_kernel,
     rows_by_states_kernel,
 )
-from factors.kernels.se3 import Array, kernel
 from factors.structureless.landmark_kernels import Index, landmark_rows_kernel, pose_rows_kernel
 
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from gpvo.config import TrackingConfig
 from gpvo.events import StereoCluster
 from gpvo.tracking.features import half_resolution
-from gpvo.tracking.haste.tracker import EventTracker
-from gpvo.tracking.klt.tracker import KltTracker
+from gpvo.tracking.haste import EventTracker
+from gpvo.tracking.klt import KltTracker
 from gpvo.tracking.motion_compensation import MotionCompensation
 from gpvo.tracking.observations import Observations
-from gpvo.tracking.viso2.tracker import Viso2Tracker
+from gpvo.tracking.viso2 import Viso2Tracker
 
 StereoImage = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 

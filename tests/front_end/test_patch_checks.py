@@ -14,8 +14,8 @@ from gpvo.config import TrackingConfig
 from gpvo.config.stages import KltConfig
 from gpvo.tracking import Observations
 from gpvo.tracking.features import smooth
+from gpvo.tracking.klt import KltTracker
 from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
-from gpvo.tracking.klt.tracker import KltTracker
 
 RADIUS = 4
 FIRST, SECOND = (random_grey(seed, 60) for seed in (1, 2))

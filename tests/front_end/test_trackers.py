@@ -23,7 +23,8 @@ from gpvo.config import TrackingConfig
 from gpvo.events import RectifiedEvents, StereoCluster
 from gpvo.tracking import Observations, make_tracker
 from gpvo.tracking.tracker import to_full_resolution
-from gpvo.tracking.viso2.tracker import NO_LANDMARK, Viso2Tracker
+from gpvo.tracking.viso2 import Viso2Tracker
+from gpvo.tracking.viso2.tracker import NO_LANDMARK
 
 IMAGE_TRACKERS = ["klt", "viso2"]
 TRACKERS = [*IMAGE_TRACKERS, "event"]

@@ -1,1 +1,5 @@
 """Features followed event by event, after HASTE."""
+
+from gpvo.tracking.haste.tracker import EventTracker
+
+__all__ = ["EventTracker"]

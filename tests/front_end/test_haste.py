@@ -27,6 +27,7 @@ from gpvo.config.stages import EventTrackerConfig
 from gpvo.events import ClusterEvents, RectifiedEvents, StereoCluster
 from gpvo.recordings import Camera, StereoRig
 from gpvo.tracking import Observations, make_tracker
+from gpvo.tracking.haste import EventTracker
 from gpvo.tracking.haste.event_rows import event_rows, events_around, latest_around
 from gpvo.tracking.haste.hypotheses import (
     HYPOTHESES,
@@ -39,7 +40,6 @@ from gpvo.tracking.haste.hypotheses import (
 )
 from gpvo.tracking.haste.stereo_matching import best_shift
 from gpvo.tracking.haste.templates import align, blur_kernel, correlation, draw, normalized
-from gpvo.tracking.haste.tracker import EventTracker
 
 Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32)

@@ -9,7 +9,8 @@ import pytest
 from front_end_scenes import MovingPlane, Texture
 
 from gpvo.config import TrackingConfig
-from gpvo.tracking.viso2.tracker import NO_LANDMARK, Viso2Tracker
+from gpvo.tracking.viso2 import Viso2Tracker
+from gpvo.tracking.viso2.tracker import NO_LANDMARK
 
 FRAMES = 3
 PLANE = MovingPlane(Texture(7), np.array([0.004, -0.01, 0.02, 0.03, 0, 0.01]))
