@@ -4,9 +4,16 @@ from factors import lie
 from factors.constant_velocity import EuclideanVelocityFactor, ReprojectionVelocityFactor
 from factors.interpolated_stereo import InterpolatedStereoFactor
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
+from factors.linear_states import LinearStatesFactor
 from factors.solver import optimize
 from factors.stereo import StereoCamera, StereoReprojectionFactor
-from factors.structureless import StructurelessStereoFactor, TrackletFactor
+from factors.structureless import (
+    LandmarkPrior,
+    Marginal,
+    StatesBetween,
+    StructurelessStereoFactor,
+    marginalize,
+)
 from factors.wnoa import (
     WnoaPriorFactor,
     wnoa_covariance,
@@ -19,15 +26,19 @@ __all__ = [
     "EuclideanVelocityFactor",
     "InterpolatedState",
     "InterpolatedStereoFactor",
+    "LandmarkPrior",
+    "LinearStatesFactor",
+    "Marginal",
     "ReprojectionVelocityFactor",
     "StereoCamera",
+    "StatesBetween",
     "StereoReprojectionFactor",
     "StructurelessStereoFactor",
-    "TrackletFactor",
     "WnoaPriorFactor",
     "extrapolate",
     "interpolate",
     "lie",
+    "marginalize",
     "optimize",
     "wnoa_covariance",
     "wnoa_information",

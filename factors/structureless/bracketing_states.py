@@ -25,31 +25,34 @@ def checked_times(times: ArrayLike, count: int) -> Array:
 
 
 class BracketingStates:
-    """Those of the states that bracket a time, and the poses at the times.
+    """The states that bracket a time, or all if asked for, and the poses at the times.
 
     Attributes
     ----------
     states
         (pose key, velocity key, time) of the m states.
+    t
+        (m,) their times, seconds.
     first
         (n,) the first of its two states for each time.
     a, b
         (n,) seconds from that one, and to the next.
     """
 
-    def __init__(self, t: Array, states: Sequence[State]) -> None:
+    def __init__(self, t: Array, states: Sequence[State], every: bool = False) -> None:
         t_states = checked_array("states", [time for _, _, time in states], ())
         if len(t_states) < 2 or (np.diff(t_states) <= 0).any():
             raise ValueError("states must be two or more in order of time")
-        if t.min() < t_states[0] or t.max() > t_states[-1]:
+        if len(t) and (t.min() < t_states[0] or t.max() > t_states[-1]):
             raise ValueError(
                 f"times from {t.min()} to {t.max()} must lie between the states' {t_states[0]} "
                 f"and {t_states[-1]}"
             )
         first = np.minimum(np.searchsorted(t_states, t, side="right"), len(t_states) - 1) - 1
         self.a, self.b = t - t_states[first], t_states[first + 1] - t
-        used = np.union1d(first, first + 1)
+        used = np.arange(len(states)) if every else np.union1d(first, first + 1)
         self.states = [states[i] for i in used]
+        self.t = t_states[used]
         self.first = np.searchsorted(used, first).astype(np.int64)
 
     @property

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +12,7 @@ from factors.checks import checked_array
 from factors.kernels import Array
 from factors.stereo import StereoCamera
 from factors.structureless.landmark_kernels import landmarks_kernel
+from factors.structureless.landmark_prior import LandmarkPrior
 from factors.structureless.robust_losses import Loss
 
 _MAX_STEPS = 50
@@ -17,25 +20,49 @@ _TOLERANCE = 1e-8  # of coordinates, in units of the focal length and of one ove
 
 
 def checked_measurements(measured: ArrayLike) -> Array:
-    """(n, 3) finite (u_left, v, disparity) with positive disparities, n >= 2."""
+    """(n, 3) finite (u_left, v, disparity) with positive disparities."""
     measurements = checked_array("measured", measured, (3,))
-    if measurements.ndim != 2 or len(measurements) < 2:
-        raise ValueError(f"measured must have the shape (n, 3), n >= 2, not {measurements.shape}")
+    if measurements.ndim != 2:
+        raise ValueError(f"measured must have the shape (n, 3), not {measurements.shape}")
     if not (measurements[:, 2] > 0).all():
         raise ValueError("measured must have positive disparities: points before the camera")
     return measurements
 
 
-class Landmarks:
-    """Landmarks by their coordinates (x / z, y / z, 1 / z) where they were measured nearest.
+class Fit(NamedTuple):
+    """Where landmarks fit best.
 
-    The k-th one is measured from start[k] to start[k + 1].
+    Coordinates (L, 3) in the charts (L, 4, 4), and the norms (n,) and the weights (n,) of the
+    whitened errors there.
+    """
+
+    charts: Array
+    coordinates: Array
+    distances: Array
+    weights: Array
+
+    def points(self) -> Array:
+        """(L, 3) points in the world."""
+        x, y, inverse_depth = self.coordinates.T
+        local = np.column_stack([x, y, np.ones(len(x))]) / inverse_depth[:, None]
+        return np.einsum("kij,kj->ki", self.charts[:, :3, :3], local) + self.charts[:, :3, 3]
+
+
+class FittedLandmarks:
+    """Landmarks of measurements that are in order of landmarks, and of a prior.
 
     Attributes
     ----------
-    measurements
-        For the kernels: the nearest measurement (L,) of each landmark, start, measured, the
-        camera's parameters, and the matrix (3, 3) that whitens an error.
+    number
+        (L,) increasing identities.
+    of
+        (n,) which of them each measurement is of.
+    start
+        (L + 1,): the k-th one is measured from start[k] to start[k + 1].
+    prior_of
+        (L,) its number in the prior, -1 for none.
+    measured, camera, whitening
+        (n, 3) measurements, (5,) parameters, and the matrix (3, 3) that whitens an error.
     loss
         Of the norm of a whitened error.
     """
@@ -43,44 +70,60 @@ class Landmarks:
     def __init__(
         self,
         measured: Array,
-        start: NDArray[np.int64],
+        number: NDArray[np.int64],
         model: gtsam.noiseModel.Base,
         camera: StereoCamera,
+        prior: LandmarkPrior,
     ) -> None:
         gaussian = model.noise() if isinstance(model, gtsam.noiseModel.Robust) else model
-        whitening = np.ascontiguousarray(gaussian.Whiten(np.eye(3)))
-        self.loss = Loss(model)
-        of = np.repeat(np.arange(len(start) - 1), np.diff(start))
-        nearest = np.lexsort((measured[:, 2], of))[start[1:] - 1]
-        self._seen = camera.inverse_depth(measured[nearest])
-        self.measurements = nearest, start, measured, camera.parameters, whitening
+        self.whitening = np.ascontiguousarray(gaussian.Whiten(np.eye(3)))
+        self.loss, self.measured, self.camera = Loss(model), measured, camera.parameters
+        self.number = np.union1d(number, prior.number)
+        self.of = np.searchsorted(self.number, number)
+        self.start = np.searchsorted(number, np.append(self.number, np.iinfo(np.int64).max))
+        self.prior_of = np.full(len(self.number), -1)
+        self.prior_of[np.searchsorted(self.number, prior.number)] = np.arange(len(prior))
+        self._prior, self._with_prior = prior, self.prior_of >= 0
+        nearest = np.lexsort((measured[:, 2], self.of))
+        self._measured = np.flatnonzero(np.diff(self.start))
+        self._nearest = nearest[self.start[1:][self._measured] - 1]
+        self._initial = np.empty((len(self.number), 3))
+        self._initial[self._measured] = camera.inverse_depth(measured[self._nearest])
+        self._initial[self._with_prior] = prior.seen[self.prior_of[self._with_prior]]
 
-    def fit(self, T: Array) -> tuple[Array, Array]:
-        """Coordinates (L, 3) that fit best, and the norms (n,) of the whitened errors there.
+    def fit(self, T: Array, T_first: Array, offset: Array) -> Fit:
+        """Landmarks that fit best, T (n, 4, 4) the poses at the measurements.
 
-        T (n, 4, 4) are the poses at the measurements.
+        T_first (4, 4) is the pose at the first state, and `offset` (P, 3) the error of the prior
+        where nothing deviates (see `LandmarkPrior.at`).
         """
+        charts = np.empty((len(self.number), 4, 4))
+        charts[self._measured] = T[self._nearest]
+        charts[self._with_prior] = T_first
         ones = np.ones(len(T))
         if self.loss.other is None:
-            return self._stepped(T, self._seen, ones, _MAX_STEPS)
-        coordinates, distances = self._stepped(T, self._seen, ones, 0)
+            found = self._stepped(T, charts, self._initial, T_first, offset, ones, _MAX_STEPS)
+            return Fit(charts, *found, self.loss.weights(found[1]))
+        found = self._stepped(T, charts, self._initial, T_first, offset, ones, 0)
         for _ in range(_MAX_STEPS):
-            before, weights = coordinates, self.loss.weights(distances)
-            coordinates, distances = self._stepped(T, before, weights, 1)
-            if np.abs(coordinates - before).max() <= _TOLERANCE:
+            before, weights = found[0], self.loss.weights(found[1])
+            found = self._stepped(T, charts, before, T_first, offset, weights, 1)
+            if np.abs(found[0] - before).max() <= _TOLERANCE:
                 break
-        return coordinates, distances
-
-    def points(self, T: Array) -> Array:
-        """(L, 3) points in the world that fit best."""
-        x, y, inverse_depth = self.fit(T)[0].T
-        local = np.column_stack([x, y, np.ones(len(x))]) / inverse_depth[:, None]
-        chart = T[self.measurements[0]]
-        return np.einsum("kij,kj->ki", chart[:, :3, :3], local) + chart[:, :3, 3]
+        return Fit(charts, *found, self.loss.weights(found[1]))
 
     def _stepped(
-        self, T: Array, coordinates: Array, weights: Array, steps: int
+        self,
+        T: Array,
+        charts: Array,
+        coordinates: Array,
+        T_first: Array,
+        offset: Array,
+        weights: Array,
+        steps: int,
     ) -> tuple[Array, Array]:
+        measured = self.start, self.measured, self.camera, self.whitening, weights
+        known = T_first, self.prior_of, self._prior.seen, self._prior.root, offset
         return landmarks_kernel(
-            T, coordinates, *self.measurements, weights, self.loss.parameters, steps
+            T, charts, coordinates, *measured, self.loss.parameters, *known, steps
         )

@@ -2,7 +2,8 @@
 
 A landmark's coordinates are (x / z, y / z, 1 / z) in a frame of its own, its chart: homogeneous, so
 that nothing special happens at infinity or a little beyond. The k-th landmark's measurements are
-those from start[k] to start[k + 1].
+those from start[k] to start[k + 1], and prior[k] is the number of its prior, or -1: a measurement
+of these coordinates in the frame of the first state (see `LandmarkPrior`).
 """
 
 from __future__ import annotations
@@ -49,28 +50,35 @@ def poses_between_kernel(
 @kernel
 def landmarks_kernel(
     T: Array,
+    charts: Array,
     coordinates: Array,
-    nearest: Index,
     start: Index,
     measured: Array,
     camera: Array,
     whitening: Array,
     weights: Array,
     loss: Array,
+    T_first: Array,
+    prior: Index,
+    seen: Array,
+    root: Array,
+    offset: Array,
     steps: int,
 ) -> tuple[Array, Array]:
-    """(L, 3) coordinates in the charts T[nearest] after some steps of Newton's method.
+    """(L, 3) coordinates in the charts (L, 4, 4) after some steps of Newton's method.
 
-    And the norms (n,) of the whitened errors there. The losses are times the weights (n,). Each
-    step is halved until the cost falls; it is one of iteratively reweighted least squares where the
-    cost is not convex.
+    Also the norms (n,) of the whitened errors there. The losses are times the weights (n,). The
+    priors' errors are root (P, 3, 3) times the difference from seen (P, 3), plus offset (P, 3). A
+    step is halved until the cost falls; it is one of iteratively reweighted least squares where
+    the cost is not convex.
     """
     found, distances = coordinates.copy(), np.empty(len(T))
     system, trial, step = np.empty((7, 4)), np.empty(3), np.empty(3)
-    data = (measured, camera, whitening, weights, loss, system, distances)
+    data = (measured, camera, whitening, weights, loss)
+    before_all = (T_first, seen, root, offset, system, distances)
     for k in range(len(found)):
-        q, chart, first, last = found[k], T[nearest[k]], start[k], start[k + 1]
-        _system_kernel(T, chart, q, first, last, *data)
+        q, chart, span = found[k], charts[k], (start[k], start[k + 1], prior[k])
+        _system_kernel(T, chart, q, *span, *data, *before_all)
         for _ in range(steps):
             length = _step_kernel(system, step)
             before, scale = system[6, 0], 1.0
@@ -78,7 +86,7 @@ def landmarks_kernel(
             while True:
                 for i in range(3):
                     trial[i] = q[i] + scale * step[i]
-                _system_kernel(T, chart, trial, first, last, *data)
+                _system_kernel(T, chart, trial, *span, *data, *before_all)
                 if converged or system[6, 0] <= before or scale == 0.0:
                     break
                 scale = 0.5 * scale if scale > 1e-3 else 0.0
@@ -139,6 +147,28 @@ def landmark_rows_kernel(
 
 
 @inner_kernel
+def prior_rows_kernel(
+    T: Array,
+    chart: Array,
+    q: Array,
+    seen: Array,
+    root: Array,
+    offset: Array,
+    h: Array,
+    by_h: Array,
+    rows: Array,
+) -> None:
+    """Write the error root (x / z, y / z, 1 / z)(T) - seen) + offset and its derivatives.
+
+    A camera of focal length and baseline one measures just these coordinates. The arguments are
+    those of `landmark_rows_kernel`.
+    """
+    landmark_rows_kernel(T, chart, q, seen, np.array([1.0, 1.0, 0.0, 0.0, 1.0]), root, h, by_h, rows)
+    for i in range(3):
+        rows[i, 9] += offset[i]
+
+
+@inner_kernel
 def pose_rows_kernel(q: Array, h: Array, by_h: Array, weight: float, rows: Array) -> None:
     """Write the derivatives by the pose to columns 0 to 5 of rows, and weight the squares of all.
 
@@ -161,23 +191,36 @@ def _system_kernel(
     q: Array,
     first: int,
     last: int,
+    prior: int,
     measured: Array,
     camera: Array,
     whitening: Array,
     weights: Array,
     loss: Array,
+    T_first: Array,
+    seen: Array,
+    root: Array,
+    offset: Array,
     system: Array,
     distances: Array,
 ) -> None:
     """Write [AᵀA Aᵀe] (3, 4) of reweighted least squares, what Newton's method adds, and the cost.
 
-    The second is the second derivative of the loss along the error, less the weight. And the norms
-    of the errors to `distances`.
+    The second is the second derivative of the loss along the error, less the weight. The norms of
+    the errors are written to `distances`.
     """
     h, by_h, rows, gradient = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.empty(3)
     for i in range(7):
         for j in range(4):
             system[i, j] = 0.0
+    if prior >= 0:
+        prior_rows_kernel(T_first, chart, q, seen[prior], root[prior], offset[prior], h, by_h, rows)
+        for r in range(3):
+            system[6, 0] += 0.5 * rows[r, 9] * rows[r, 9]
+            for i in range(3):
+                system[i, 3] += rows[r, 6 + i] * rows[r, 9]
+                for j in range(i + 1):
+                    system[i, j] += rows[r, 6 + i] * rows[r, 6 + j]
     for n in range(first, last):
         landmark_rows_kernel(T[n], chart, q, measured[n], camera, whitening, h, by_h, rows)
         square = rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2

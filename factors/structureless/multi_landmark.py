@@ -1,9 +1,10 @@
 """Measurements of many landmarks, each at its own time, in one factor without the landmarks.
 
-What `TrackletFactor` is for one landmark: all are eliminated where the factor is evaluated, and
-what they tell of the states is compressed to as many rows as the states have columns. GTSAM then
-sees a chain of states alone, however many landmarks there are (structureless factors: Carlone et
-al., "Eliminating conditionally independent sets in factor graphs", 2014).
+All landmarks are eliminated where the factor is evaluated, and what they tell of the states is
+compressed to as many rows as the states have columns. GTSAM then sees a chain of states alone,
+however many landmarks there are (structureless factors: Carlone et al., "Eliminating conditionally
+independent sets in factor graphs", 2014). With Q_c, the states at the measurements' own times are
+eliminated, too (`Bridge`), and with a prior the landmarks know what earlier measurements told.
 """
 
 from __future__ import annotations
@@ -17,9 +18,18 @@ from numpy.typing import ArrayLike, NDArray
 from factors.checks import checked_noise, power_spectral_density
 from factors.kernels import Array
 from factors.stereo import StereoCamera
-from factors.structureless.bracketing_states import BracketingStates, checked_times
-from factors.structureless.fitted_landmarks import Landmarks, checked_measurements
-from factors.structureless.multi_landmark_kernels import information_kernel, root_kernel
+from factors.structureless.bracketing_states import BracketingStates, State, checked_times
+from factors.structureless.bridge import Bridge
+from factors.structureless.fitted_landmarks import Fit, FittedLandmarks, checked_measurements
+from factors.structureless.joint_system import JointSystem, Rows, root_kernel
+from factors.structureless.landmark_prior import LandmarkPrior
+from factors.structureless.row_kernels import measurement_rows_kernel, prior_system_kernel
+from factors.structureless.states_between import StatesBetween
+
+Index = NDArray[np.int64]
+
+TOLERANCE = 1e-4
+"""Variance, of that of a measurement, that is neglected between states at unique times."""
 
 
 class StructurelessStereoFactor(gtsam.CustomFactor):
@@ -28,14 +38,28 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
     Parameters
     ----------
     measured
-        (n, 3) measurements (u_left, v, disparity) in rectified pixels, n >= 2.
+        (n, 3) measurements (u_left, v, disparity) in rectified pixels.
     times
         (n,) their times in seconds.
     landmarks
-        (n,) integers: measurements of equal ones are of the same landmark. A landmark that is
-        measured once tells nothing.
-    model, states, camera, qc
-        As of `TrackletFactor`.
+        (n,) integers: measurements of equal ones are of the same landmark; or one for all. A
+        landmark that is measured once tells nothing.
+    model
+        Noise model of one measurement, dimension 3. A robust one weights each measurement by
+        itself, by the norm of its whitened error.
+    states
+        (pose key, velocity key, time) in order of time: Pose3 T_world_cam, body twist (6,) with the
+        rotation first, seconds. The factor takes those that bracket a measurement, or all if there
+        is a Q_c or a prior.
+    camera
+        Intrinsics of the rectified pair.
+    qc
+        Power spectral density, diagonal (6,): every time is then a state of its own, tied to the
+        others by the WNOA prior, and eliminated. Without, the states between are interpolated.
+    prior
+        What earlier measurements, before the first of the states, tell of the landmarks.
+    tolerance
+        Variance of the states between that may be neglected, as a share of a measurement's.
 
     Raises
     ------
@@ -46,8 +70,9 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
     Notes
     -----
     Its errors are 12 for each state and one more; half their squared norm is the cost of all
-    measurements, and the derivative gives its exact gradient. While a landmark is behind one of the
-    cameras, that measurement has GTSAM's large constant error and no derivative.
+    measurements, and the derivative gives its gradient: exact without Q_c and prior, with them to
+    first order in the eliminated variables. While a landmark is behind one of the cameras, that
+    measurement has GTSAM's large constant error and no derivative.
     """
 
     def __init__(
@@ -56,43 +81,63 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
         times: ArrayLike,
         landmarks: ArrayLike,
         model: gtsam.noiseModel.Base,
-        states: Sequence[tuple[int, int, float]],
+        states: Sequence[State],
         camera: StereoCamera,
         qc: ArrayLike | None = None,
+        prior: LandmarkPrior | None = None,
+        tolerance: float = TOLERANCE,
     ) -> None:
-        if qc is not None:
-            power_spectral_density(qc)
         measurements = checked_measurements(measured)
         t = checked_times(times, len(measurements))
-        number = np.asarray(landmarks)
-        if number.shape != t.shape or number.dtype.kind not in "iu":
-            raise ValueError(f"landmarks must be {len(t)} integers")
+        number = _checked_landmarks(landmarks, len(t))
         checked_noise(model, 3)
+        if prior is None and len(t) < 2:
+            raise ValueError(f"measured must have two rows or more, not {len(t)}")
+        roots = None if qc is None else np.sqrt(_diagonal(qc))
         order = np.lexsort((t, number))
-        self._numbers, start = np.unique(number[order], return_index=True)
-        start = np.append(start, len(order)).astype(np.int64)
-        between = BracketingStates(t[order], states)
-        found = Landmarks(measurements[order], start, model, camera)
-        self._tracklets = tracklets = _Tracklets(between, found)
-        unit = gtsam.noiseModel.Unit.Create(tracklets.size)
-        super().__init__(unit, between.keys, tracklets.error)
+        between = BracketingStates(t[order], states, not (qc is None and prior is None))
+        prior = LandmarkPrior.none() if prior is None else prior
+        found = FittedLandmarks(measurements[order], number[order], model, camera, prior)
+        self.window = window = LandmarkWindow(between, t[order], found, prior, roots, tolerance)
+        super().__init__(gtsam.noiseModel.Unit.Create(window.size), between.keys, window.error)
 
-    def landmarks(self, values: gtsam.Values) -> tuple[NDArray[np.int64], Array]:
+    def landmarks(self, values: gtsam.Values) -> tuple[Index, Array]:
         """(L,) increasing landmarks, and the (L, 3) points in the world that fit them best.
 
         One whose rays diverge fits best beyond infinity: a point behind the cameras.
         """
-        between, found = self._tracklets.between, self._tracklets.landmarks
-        return self._numbers, found.points(between.poses(*between.read(values)))
+        window = self.window
+        return window.landmarks.number, window.fit(*window.between.read(values)).points()
+
+    def states_between(self, values: gtsam.Values) -> StatesBetween:
+        """The states at the measurements' own times, given those of the graph."""
+        return self.window.states_between(*self.window.between.read(values))
 
 
-class _Tracklets:
-    """What the factor knows, in order of landmarks and times, and its error."""
+class LandmarkWindow:
+    """The measurements of a structureless factor, in order of landmarks and times, and its error.
 
-    def __init__(self, between: BracketingStates, landmarks: Landmarks) -> None:
-        self.between, self.landmarks = between, landmarks
+    Attributes
+    ----------
+    between, landmarks, prior
+        States and times, landmarks and their measurements, what is known of these.
+    size
+        Number of errors.
+    """
+
+    def __init__(
+        self,
+        between: BracketingStates,
+        t: Array,
+        landmarks: FittedLandmarks,
+        prior: LandmarkPrior,
+        qc_root: Array | None,
+        tolerance: float,
+    ) -> None:
+        self.between, self.t, self.landmarks, self.prior = between, t, landmarks, prior
         self.size = 12 * len(between.states) + 1
-        self._linearized = np.empty(0), np.empty(0), np.empty(0)
+        self.qc_root, self._tolerance = qc_root, tolerance
+        self._linearized: tuple[Array, Array, JointSystem, list[Bridge], Array] | None = None
 
     def error(
         self, _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
@@ -100,26 +145,130 @@ class _Tracklets:
         """(12 m + 1,) errors, and their derivatives by each pose and velocity if asked."""
         T_states, v_states = self.between.read(values)
         if jacobians is None:
-            distances = self.landmarks.fit(self.between.poses(T_states, v_states))[1]
-            error = np.zeros(self.size)
-            error[-1] = np.sqrt(2 * self.landmarks.loss.total(distances))
-            return error
-        # iSAM2 linearizes a new factor twice at the same values.
-        same = np.array_equal(T_states, self._linearized[0])
-        if not (same and np.array_equal(v_states, self._linearized[1])):
-            self._linearized = T_states, v_states, self._root(T_states, v_states)
-        root = self._linearized[2]
+            return self._cost(T_states, v_states)
+        root = self._at(T_states, v_states)[4]
         for block in range(2 * len(self.between.states)):
             jacobians[block] = root[:, 6 * block : 6 * block + 6]
         return root[:, -1]
 
-    def _root(self, T_states: Array, v_states: Array) -> Array:
-        """(12 m + 1, 12 m + 1) derivatives by the states, then the errors."""
-        between, found = self.between, self.landmarks
-        T = between.poses(T_states, v_states)
-        coordinates, distances = found.fit(T)
-        weights = found.loss.weights(distances)
-        at = T_states, v_states, between.first, between.a, between.b, T
-        of = coordinates, *found.measurements, weights
-        H, explained = information_kernel(*at, *of)
-        return root_kernel(H - explained, np.sqrt(np.diag(H)))
+    def fit(self, T_states: Array, v_states: Array) -> Fit:
+        """Landmarks that fit best, given the states of the graph."""
+        _, offset = self.prior.at(T_states[0], v_states[0])
+        return self.landmarks.fit(self.between.poses(T_states, v_states), T_states[0], offset)
+
+    def rows(self, T_states: Array, v_states: Array, fit: Fit, states: int) -> Rows:
+        """Linearised measurements between the first `states` states, and the prior."""
+        between, landmarks = self.between, self.landmarks
+        order = np.argsort(between.first, kind="stable")
+        order = order[: np.searchsorted(between.first[order], states - 1)]
+        interval, T = between.first[order], between.poses(T_states, v_states)
+        rows, by_landmark = measurement_rows_kernel(
+            T_states,
+            v_states,
+            order,
+            between.first,
+            between.a,
+            between.b,
+            T,
+            landmarks.of,
+            fit.charts,
+            fit.coordinates,
+            landmarks.measured,
+            landmarks.camera,
+            landmarks.whitening,
+            fit.weights,
+        )
+        if self.qc_root is not None:
+            rows[:, :, 24:30] *= self.qc_root
+        bridges = self._bridges(order, interval, rows, states)
+        prior = self._prior_rows(T_states[0], v_states[0], fit)
+        return Rows(interval, landmarks.of[order], rows, by_landmark, bridges, *prior)
+
+    def states_between(self, T_states: Array, v_states: Array) -> StatesBetween:
+        """States at the times of the measurements; those of the graph may have moved since."""
+        if self._linearized is None:
+            self._at(T_states, v_states)
+        assert self._linearized is not None
+        T_linear, v_linear, system, bridges, _ = self._linearized
+        moved = StatesBetween.moved_by(T_linear, v_linear, T_states, v_states)
+        qc_root = np.zeros(6) if self.qc_root is None else self.qc_root
+        states = self.between.t, T_states, v_states
+        return StatesBetween.given(system, bridges, moved, np.unique(self.t), qc_root, *states)
+
+    def _cost(self, T_states: Array, v_states: Array) -> Array:
+        """(12 m + 1,) zeros, but the last: half its square is the cost."""
+        error = np.zeros(self.size)
+        fit = self.fit(T_states, v_states)
+        square = 2 * self.landmarks.loss.total(fit.distances)
+        if self.qc_root is not None or len(self.prior):
+            found = self._at(T_states, v_states)[4][:, -1]
+            square += found @ found - fit.weights @ fit.distances**2
+        error[-1] = np.sqrt(max(square, 0.0))
+        return error
+
+    def _at(
+        self, T_states: Array, v_states: Array
+    ) -> tuple[Array, Array, JointSystem, list[Bridge], Array]:
+        """The states, the system linearised there, its bridges, and its root on the states.
+
+        iSAM2 linearises a new factor twice at the same values.
+        """
+        kept = self._linearized
+        if kept is None or not (
+            np.array_equal(T_states, kept[0]) and np.array_equal(v_states, kept[1])
+        ):
+            fit = self.fit(T_states, v_states)
+            rows = self.rows(T_states, v_states, fit, len(T_states))
+            system = JointSystem.of_rows(rows, len(fit.coordinates))
+            root = root_kernel(*system.on_states())
+            kept = self._linearized = T_states, v_states, system, rows.bridges, root
+        return kept
+
+    def _bridges(self, order: Index, interval: Index, rows: Array, states: int) -> list[Bridge]:
+        """The bridge between each state and the next."""
+        ends = np.searchsorted(interval, np.arange(states))
+        scale = np.einsum("nrc,nrc->n", rows[:, :, 24:30], rows[:, :, 24:30])
+        bridges = []
+        for i, duration in enumerate(np.diff(self.between.t[:states]).tolist()):
+            part = slice(ends[i], ends[i + 1])
+            times = self.between.a[order[part]]
+            if self.qc_root is None:
+                bridges.append(Bridge.rigid(len(times), duration))
+            else:
+                bridges.append(Bridge.through(times, duration, scale[part], self._tolerance))
+        return bridges
+
+    def _prior_rows(self, T_first: Array, v_first: Array, fit: Fit) -> tuple[Array, Array, Index]:
+        """Rows (P, 3, 12 + d + 1) and (P, 3, 3) of the prior, and its landmarks (P,)."""
+        prior, prior_of = self.prior, self.landmarks.prior_of
+        by_state, offset = prior.at(T_first, v_first)
+        rows = np.concatenate([by_state, prior.by_shared, offset[..., None]], axis=2)
+        by_landmark = np.empty((len(prior), 3, 3))
+        prior_system_kernel(
+            T_first,
+            fit.charts,
+            fit.coordinates,
+            prior_of,
+            prior.seen,
+            prior.root,
+            offset,
+            rows,
+            by_landmark,
+        )
+        return rows, by_landmark, np.flatnonzero(prior_of >= 0)
+
+
+def _checked_landmarks(landmarks: ArrayLike, count: int) -> Index:
+    """(count,) integers."""
+    number = np.asarray(landmarks)
+    if number.dtype.kind not in "iu" or number.shape not in ((), (count,)):
+        raise ValueError(f"landmarks must be one integer or {count}, not {landmarks}")
+    return np.broadcast_to(number, (count,)).astype(np.int64)
+
+
+def _diagonal(qc: ArrayLike) -> Array:
+    """(6,) diagonal of a power spectral density that has no other entries."""
+    matrix = power_spectral_density(qc)
+    if np.count_nonzero(matrix - np.diag(np.diag(matrix))):
+        raise ValueError("qc must be diagonal here")
+    return np.diag(matrix)

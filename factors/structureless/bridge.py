@@ -1,0 +1,138 @@
+"""States at the times of measurements, between two neighbouring states of a graph.
+
+Given both states, the local variables (xi, w) at a time between are Gaussian: their mean is the
+interpolation, and their deviations from it have the covariance of a bridge, k(t, t') Q_c. As the
+states at all measurement times are tied to one another by the prior alone, few of them carry the
+rest: r of the deviations, at times found by a Cholesky factorisation with pivoting, are
+independent unit variables u (6 r,), and the others follow from them up to a variance that the
+tolerance bounds. With as many as there are times the representation is exact. Section III-C of
+Wang and Gammell; Barfoot, "State Estimation for Robotics", chapter 11.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.kernels import Array, inner_kernel, kernel
+
+
+@dataclass(frozen=True, eq=False)
+class Bridge:
+    """Deviations from the interpolation between two states.
+
+    Attributes
+    ----------
+    duration
+        Seconds between the states.
+    gains
+        (m, r) deviation of xi at the m measurement times, per root of Q_c, by the r variables u of
+        each of its six components.
+    pivots
+        (r,) seconds after the first state where u determines xi exactly.
+    """
+
+    duration: float
+    gains: Array
+    pivots: Array
+    _root: Array
+
+    @staticmethod
+    def through(times: Array, duration: float, scale: Array, tolerance: float) -> Bridge:
+        """Bridge through the measurement times (m,), seconds after the first state.
+
+        `scale` (m,) is the squared whitened error that a deviation of variance Q_c causes; what is
+        left of it by the r variables is at most `tolerance`.
+        """
+        gains, pivots = pivoted_cholesky_kernel(times, duration, scale, tolerance)
+        return Bridge(duration, gains, times[pivots], gains[pivots])
+
+    @staticmethod
+    def rigid(count: int, duration: float) -> Bridge:
+        """Bridge without deviations: every state between is the interpolated one."""
+        return Bridge(duration, np.zeros((count, 0)), np.empty(0), np.empty((0, 0)))
+
+    @property
+    def rank(self) -> int:
+        """Number r of variables of each component."""
+        return len(self.pivots)
+
+    def weights(self, times: Array) -> Array:
+        """(2, n, r) deviations of xi and of w at any times (n,), per root of Q_c, by u."""
+        cross = bridge_covariance(times, self.pivots, self.duration)[:, 0]
+        if self.rank == 0:
+            return cross
+        flat = np.linalg.solve(self._root, cross.reshape(-1, self.rank).T).T
+        return flat.reshape(2, len(times), self.rank)
+
+    def left(self, times: Array) -> Array:
+        """(2, 2, n, n) covariance of (xi, w) at times (n,) that u leaves, per unit of Q_c."""
+        weights = self.weights(times)
+        explained = np.einsum("imr,jnr->ijmn", weights, weights)
+        return bridge_covariance(times, times, self.duration) - explained
+
+
+def bridge_covariance(a: Array, b: Array, duration: float) -> Array:
+    """(2, 2, m, n) covariance of (xi, w) at times a (m,) with (xi, w) at times b (n,).
+
+    Per unit of power spectral density, given the states at 0 and at `duration`, seconds.
+    """
+    end = np.array([duration])
+    a_end, b_end = _wiener_covariance(a, end)[..., 0], _wiener_covariance(b, end)[..., 0]
+    at_end = np.array([[duration**3 / 3, duration**2 / 2], [duration**2 / 2, duration]])
+    known = np.einsum("ikm,kl,jln->ijmn", a_end, np.linalg.inv(at_end), b_end)
+    return _wiener_covariance(a, b) - known
+
+
+def _wiener_covariance(a: Array, b: Array) -> Array:
+    """(2, 2, m, n) covariance as of `bridge_covariance`, given the state at 0 alone."""
+    a, b = a[:, None], b[None, :]
+    first = np.minimum(a, b)
+    xi_xi = first**2 * (3 * np.maximum(a, b) - first) / 6
+    xi_w = np.where(a <= b, a**2 / 2, b * (a - b / 2))
+    w_xi = np.where(b <= a, b**2 / 2, a * (b - a / 2))
+    return np.array([[xi_xi, xi_w], [w_xi, first + 0 * (a + b)]])
+
+
+@kernel
+def pivoted_cholesky_kernel(
+    times: Array, duration: float, scale: Array, tolerance: float
+) -> tuple[Array, NDArray[np.int64]]:
+    """G (m, r), GGᵀ = k(times, times) up to the tolerance, and the pivots (r,), numbers of times.
+
+    Pivots are taken until scale * (k - GGᵀ) is nowhere larger than the tolerance on the diagonal.
+    """
+    m, rank = len(times), 0
+    gains, left, pivots = np.zeros((m, m)), np.empty(m), np.empty(m, np.int64)
+    for n in range(m):
+        left[n] = _covariance_kernel(times[n], times[n], duration)
+    while rank < m:
+        best = 0
+        for n in range(1, m):
+            if left[n] * scale[n] > left[best] * scale[best]:
+                best = n
+        if not left[best] * scale[best] > tolerance:
+            break
+        pivots[rank], root = best, np.sqrt(left[best])
+        for n in range(m):
+            value = _covariance_kernel(times[n], times[best], duration)
+            for k in range(rank):
+                value -= gains[n, k] * gains[best, k]
+            gains[n, rank] = value / root
+            left[n] -= gains[n, rank] * gains[n, rank]
+        left[best] = 0.0
+        rank += 1
+    return gains[:, :rank].copy(), pivots[:rank].copy()
+
+
+@inner_kernel
+def _covariance_kernel(s: float, t: float, d: float) -> float:
+    """Covariance k of xi at the times s and t of a bridge of duration d.
+
+    k = a^2 r^2 (3 b s' - a r ...) in closed form: a <= b the times, products of positive numbers.
+    """
+    a, b = min(s, t), max(s, t)
+    rest = d - b
+    return a * a * rest * rest * (3 * d * b - a * (d + 2 * b)) / (6 * d * d * d)

@@ -1,0 +1,212 @@
+"""The linearised measurements of a window, their landmarks eliminated.
+
+The columns are those of the window's states (12 each), of the variables u of the states between
+them (`Bridge`), of the variables s of the landmarks' prior (`LandmarkPrior`), and of the error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.kernels import Array, inner_kernel, kernel
+from factors.structureless.bridge import Bridge
+from factors.structureless.row_kernels import add_cross_products_kernel, whiten_kernel
+
+Index = NDArray[np.int64]
+
+_ROUNDING = 1e-12  # pivots below this, of a unit diagonal, are made of rounding errors
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Whitened errors of measurements in order of the intervals between the states.
+
+    Attributes
+    ----------
+    interval, of
+        (n,) number of the state before each measurement, and its landmark.
+    rows, by_landmark
+        (n, 3, 31) and (n, 3, 3) of `measurement_rows_kernel`; the columns of xi are scaled by the
+        root of Q_c.
+    bridges
+        One for each interval.
+    prior, prior_by_landmark, prior_of
+        (P, 3, 12 + d + 1) and (P, 3, 3) of `prior_system_kernel`, and (P,) landmarks of these.
+    """
+
+    interval: Index
+    of: Index
+    rows: Array
+    by_landmark: Array
+    bridges: list[Bridge]
+    prior: Array
+    prior_by_landmark: Array
+    prior_of: Index
+
+    @property
+    def states(self) -> int:
+        """Number of states."""
+        return len(self.bridges) + 1
+
+    @property
+    def latent(self) -> Index:
+        """First column of each bridge's variables, and the first column after all of them."""
+        return 12 * self.states + 6 * np.cumsum([0, *(bridge.rank for bridge in self.bridges)])
+
+
+@dataclass(frozen=True, eq=False)
+class JointSystem:
+    """Quadratic cost of states, shared variables and landmarks, after elimination of these.
+
+    Attributes
+    ----------
+    information
+        (D, D) of the columns above: JᵀJ less what the landmarks explain, with unit priors on u, s.
+    scale
+        (D,) diagonal before the landmarks were eliminated.
+    root, cross, known
+        Landmarks given all else: the rows root (L, 3, 3) and cross (L, 3, D); known (L,) is 1 for
+        those that the rows determine.
+    latent
+        First columns of the bridges' variables, and of s.
+    """
+
+    information: Array
+    scale: Array
+    root: Array
+    cross: Array
+    known: Array
+    latent: Index
+
+    @property
+    def of_states(self) -> Index:
+        """Columns of the states and of the error."""
+        return np.append(np.arange(self.latent[0]), len(self.information) - 1)
+
+    @property
+    def of_shared(self) -> slice:
+        """Columns of u and s."""
+        return slice(int(self.latent[0]), len(self.information) - 1)
+
+    @staticmethod
+    def of_rows(found: Rows, landmarks: int) -> JointSystem:
+        """The system of some rows of a number of landmarks."""
+        latent, shared = found.latent, found.prior.shape[2] - 13
+        size = int(latent[-1]) + shared + 1
+        H = np.zeros((size, size))
+        _add_squares(found, latent, H)
+        cross, own = np.zeros((landmarks, 3, size)), np.zeros((landmarks, 3, 3))
+        _add_landmarks(found, latent, cross, own)
+        H.ravel()[:: size + 1][latent[0] : -1] += 1.0
+        scale, known = np.diag(H).copy(), np.empty(landmarks)
+        whiten_kernel(own, cross, known)
+        flat = cross.reshape(-1, size)
+        H -= flat.T @ flat if len(flat) else 0.0
+        return JointSystem(H, scale, own, cross, known, latent)
+
+    def shared_given_states(self) -> tuple[Array, Array]:
+        """Root L (S, S), lower, of the information on u and s, and L⁻¹ H_(us),(x, error)."""
+        part = self.of_shared
+        root = np.linalg.cholesky(self.information[part, part])
+        return root, np.linalg.solve(root, self.information[part][:, self.of_states])
+
+    def on_states(self) -> tuple[Array, Array]:
+        """Information (12 m + 1, 12 m + 1) on the states and the error alone, and its scale."""
+        _, explained = self.shared_given_states()
+        columns = self.of_states
+        H = self.information[np.ix_(columns, columns)] - explained.T @ explained
+        return H, np.sqrt(self.scale[columns])
+
+
+def _add_squares(found: Rows, latent: Index, H: Array) -> None:
+    """Add JᵀJ of all columns but the landmarks'."""
+    ends = np.searchsorted(found.interval, np.arange(found.states))
+    last = len(H) - 1
+    for i, bridge in enumerate(found.bridges):
+        part = slice(ends[i], ends[i + 1])
+        if part.start == part.stop:
+            continue
+        rows, width = found.rows[part], 6 * bridge.rank
+        J = np.empty((len(rows), 3, 25 + width))
+        J[:, :, :24], J[:, :, -1] = rows[:, :, :24], rows[:, :, 30]
+        by_u = rows[:, :, 24:30, None] * bridge.gains[:, None, None, :]
+        J[:, :, 24:-1] = by_u.reshape(len(rows), 3, width)
+        J = J.reshape(-1, 25 + width)
+        own = [12 * i + np.arange(24), latent[i] + np.arange(width), [last]]
+        columns = np.concatenate(own)
+        H[columns[:, None], columns] += J.T @ J
+    if len(found.prior):
+        columns = np.concatenate([np.arange(12), np.arange(latent[-1], last + 1)])
+        P = found.prior.reshape(-1, found.prior.shape[2])
+        H[columns[:, None], columns] += P.T @ P
+
+
+def _add_landmarks(found: Rows, latent: Index, cross: Array, own: Array) -> None:
+    """Add the products of the landmarks' derivatives with all others, and with themselves."""
+    interval, rank = found.interval, np.array([bridge.rank for bridge in found.bridges])
+    gains = np.zeros((len(interval), max(1, int(rank.max(initial=0)))))
+    ends = np.searchsorted(interval, np.arange(found.states))
+    for i, bridge in enumerate(found.bridges):
+        gains[ends[i] : ends[i + 1], : bridge.rank] = bridge.gains
+    add_cross_products_kernel(
+        found.of,
+        12 * interval,
+        latent[interval],
+        rank[interval],
+        gains,
+        found.rows,
+        found.by_landmark,
+        cross,
+        own,
+    )
+    if len(found.prior):
+        columns = np.concatenate([np.arange(12), np.arange(latent[-1], cross.shape[2])])
+        turned = found.prior_by_landmark.transpose(0, 2, 1)
+        cross[found.prior_of[:, None, None], np.arange(3)[:, None], columns] += turned @ found.prior
+        own[found.prior_of] += turned @ found.prior_by_landmark
+
+
+@kernel
+def root_kernel(H: Array, scale: Array) -> Array:
+    """R (D, D), RᵀR = H, of a symmetric matrix H, which may be singular.
+
+    Cholesky with pivoting, in units of the scale (D,): what is left in the end is rounding errors,
+    which without pivoting grow from row to row. The last column, of the errors, stays the last.
+    """
+    size = len(H)
+    R, rest, column = np.zeros(H.shape), np.zeros(H.shape), np.arange(size)
+    for i in range(size):
+        for j in range(i, size):
+            unit = scale[i] * scale[j]
+            rest[i, j] = rest[j, i] = H[i, j] / unit if unit > 0 else 0.0
+    for i in range(size - 1):
+        best = i
+        for k in range(i + 1, size - 1):
+            if rest[k, k] > rest[best, best]:
+                best = k
+        if not rest[best, best] > _ROUNDING:
+            break
+        _swap_kernel(rest, column, i, best)
+        pivot = np.sqrt(rest[i, i])
+        for j in range(i, size):
+            rest[i, j] /= pivot
+            R[i, column[j]] = rest[i, j] * scale[column[j]]
+        for k in range(i + 1, size):
+            value = rest[i, k]
+            for j in range(i + 1, size):
+                rest[k, j] -= value * rest[i, j]
+    R[-1, -1] = scale[-1] * np.sqrt(max(rest[-1, -1], 0.0))
+    return R
+
+
+@inner_kernel
+def _swap_kernel(matrix: Array, column: Index, i: int, j: int) -> None:
+    """Swap rows and columns i and j."""
+    column[i], column[j] = column[j], column[i]
+    for k in range(len(matrix)):
+        matrix[i, k], matrix[j, k] = matrix[j, k], matrix[i, k]
+    for k in range(len(matrix)):
+        matrix[k, i], matrix[k, j] = matrix[k, j], matrix[k, i]

@@ -1,0 +1,65 @@
+"""What earlier measurements tell of landmarks once their states have left a window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.kernels import Array
+from factors.lie import se3_inverse, se3_log, se3_right_jacobian_inverse
+
+
+@dataclass(frozen=True, eq=False)
+class LandmarkPrior:
+    """Landmarks as they are seen from the first state of a window, given that state.
+
+    For each landmark it is one measurement q = (x / z, y / z, 1 / z) in the camera's frame at that
+    state, with an error that also depends on the state x and on variables s that all landmarks
+    share: R (q - seen) + A dx + C s + e ~ N(0, 1), s ~ N(0, 1). Of the state itself it tells
+    nothing; that is in the graph. Relative to the camera, so that no shift or turn of the world
+    changes it.
+
+    Attributes
+    ----------
+    number
+        (P,) increasing identities of the landmarks.
+    seen
+        (P, 3) coordinates that the errors were linearized at.
+    root, by_state, by_shared, error
+        R (P, 3, 3), A (P, 3, 12), C (P, 3, d) and e (P, 3).
+    T_world_cam, velocity
+        (4, 4) and (6,) state that dx is counted from: pose perturbed on the right, then twist.
+    """
+
+    number: NDArray[np.int64]
+    seen: Array
+    root: Array
+    by_state: Array
+    by_shared: Array
+    error: Array
+    T_world_cam: Array
+    velocity: Array
+
+    @staticmethod
+    def none() -> LandmarkPrior:
+        """Prior of no landmark."""
+        per_landmark = (np.empty((0, *shape)) for shape in ((3,), (3, 3), (3, 12), (3, 0), (3,)))
+        return LandmarkPrior(np.empty(0, np.int64), *per_landmark, np.eye(4), np.zeros(6))
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    @property
+    def shared(self) -> int:
+        """Number d of the variables s."""
+        return self.by_shared.shape[2]
+
+    def at(self, T_world_cam: Array, velocity: Array) -> tuple[Array, Array]:
+        """A (P, 3, 12) and A dx + e (P, 3) of the state as it is now."""
+        step = se3_log(se3_inverse(self.T_world_cam) @ T_world_cam)
+        by_state = self.by_state.copy()
+        by_state[:, :, :6] = by_state[:, :, :6] @ se3_right_jacobian_inverse(step)
+        dx = np.concatenate([step, velocity - self.velocity])
+        return by_state, self.by_state @ dx + self.error

@@ -1,0 +1,195 @@
+"""The first states of a window leave: a factor of their neighbours, and a prior of landmarks.
+
+Given the states that leave, x_0 to x_(b-1), the variables between them and those of the last prior,
+together y, the landmarks are independent. Given the state x_b at which the window now begins, y is
+Gaussian, y = mu + S dx_b + P s, s ~ N(0, 1), by all factors that touch the states that leave.
+Put into the landmarks' rows it gives their new prior, whose variables s are as many as y has. A
+singular value decomposition leaves the few of them that matter; what the others add goes to each
+landmark's own noise. So the estimate of the states that stay is the one of a graph with all the
+landmarks in it, but the cost of an update does not grow with the time that a landmark is seen.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from factors.checks import checked_array
+from factors.kernels import Array
+from factors.linear_states import LinearStatesFactor
+from factors.structureless.fitted_landmarks import Fit
+from factors.structureless.joint_system import JointSystem, root_kernel
+from factors.structureless.landmark_prior import LandmarkPrior
+from factors.structureless.multi_landmark import LandmarkWindow, StructurelessStereoFactor
+from factors.structureless.row_kernels import seen_from_kernel
+
+Index = NDArray[np.int64]
+
+SHARED = 24
+"""Variables that the errors of all landmarks of a prior share, at most."""
+
+
+class Marginal(NamedTuple):
+    """What is left of measurements whose states leave a window.
+
+    `factor` tells of the states that leave and of the first that stays, what no landmark explains;
+    GTSAM marginalizes it with them. `prior` tells of the landmarks, given the first that stays.
+    """
+
+    factor: LinearStatesFactor
+    prior: LandmarkPrior
+
+
+def marginalize(
+    structureless: StructurelessStereoFactor,
+    values: gtsam.Values,
+    count: int,
+    others: gtsam.NonlinearFactorGraph,
+    landmarks: ArrayLike,
+    drift: ArrayLike = (0.0, 0.0, 0.0),
+    shared: int = SHARED,
+) -> Marginal:
+    """Take the measurements before the state number `count` out of a structureless factor.
+
+    Parameters
+    ----------
+    structureless
+        Factor of all measurements in the window, with a Q_c or a prior.
+    values
+        Where to linearise: all states of the factor.
+    count
+        Number of its first states that leave; at least one, and at least one stays.
+    others
+        The other factors between the states that leave and the first that stays.
+    landmarks
+        Identities of the landmarks to keep, those that are measured later.
+    drift
+        (3,) standard deviation of how far the tracks of landmarks, (u_left, v, disparity), have
+        moved on these since the last prior; pixels. Zero if landmarks are points.
+    shared
+        Largest number of variables s of the new prior.
+
+    Raises
+    ------
+    ValueError
+        If `count` leaves no state, or the system is singular.
+    """
+    window = structureless.window
+    if not 0 < count < len(window.between.states):
+        raise ValueError(f"count must be 1 to {len(window.between.states) - 1}, not {count}")
+    T_states, v_states = window.between.read(values)
+    fit = window.fit(T_states, v_states)
+    rows = window.rows(T_states, v_states, fit, count + 1)
+    system = JointSystem.of_rows(rows, len(fit.coordinates))
+    keys = window.between.keys[: 2 * (count + 1)]
+    factor = LinearStatesFactor(
+        keys, T_states[: count + 1], v_states[: count + 1], root_kernel(*system.on_states())
+    )
+    try:
+        given = _leaving_given_next(system, information_of(others, values, keys), count)
+    except np.linalg.LinAlgError as error:
+        raise ValueError("the states that leave are not determined") from error
+    keep = np.isin(window.landmarks.number, np.asarray(landmarks)) & (system.known > 0)
+    state = T_states[count], v_states[count]
+    prior = _prior(window, fit, system, given, np.flatnonzero(keep), state, shared)
+    return Marginal(factor, _drifted(prior, window, checked_array("drift", drift, (3,))))
+
+
+def information_of(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: list[int]
+) -> Array:
+    """(D + 1, D + 1) [J e]ᵀ[J e] of a graph, with columns in the order of the keys."""
+    ordering = gtsam.Ordering()
+    for key in keys:
+        ordering.push_back(key)
+    information = np.zeros((6 * len(keys) + 1, 6 * len(keys) + 1))
+    if graph.size():
+        information += graph.linearize(values).augmentedHessian(ordering)
+    # GTSAM's right-hand side is -e.
+    information[-1, :-1] *= -1
+    information[:-1, -1] *= -1
+    return information
+
+
+class _Leaving(NamedTuple):
+    """y = (mean, S) (dx_b, 1) + spread s: columns of y, (Y, 13), and a triangular (Y, Y)."""
+
+    columns: Index
+    by_next: Array
+    spread: Array
+
+
+def _leaving_given_next(system: JointSystem, others: Array, count: int) -> _Leaving:
+    """The distribution of what leaves, given the next state."""
+    first, last = 12 * count, len(system.information) - 1
+    H, columns = system.information.copy(), system.of_states
+    H[columns[:, None], columns] += others
+    y = np.concatenate([np.arange(first), np.arange(first + 12, last)])
+    following = np.append(np.arange(first, first + 12), last)
+    unit = 1 / np.sqrt(np.diag(H)[y])
+    root = np.linalg.cholesky(unit[:, None] * H[np.ix_(y, y)] * unit)
+    spread = unit[:, None] * np.linalg.inv(root).T
+    return _Leaving(y, -spread @ (spread.T @ H[np.ix_(y, following)]), spread)
+
+
+def _prior(
+    window: LandmarkWindow,
+    fit: Fit,
+    system: JointSystem,
+    given: _Leaving,
+    keep: Index,
+    state: tuple[Array, Array],
+    shared: int,
+) -> LandmarkPrior:
+    """The prior of the landmarks `keep` (P,), given the state at which the window now begins."""
+    seen, by_chart, by_pose = seen_from_kernel(state[0], fit.charts[keep], fit.coordinates[keep])
+    root = system.root[keep] @ np.linalg.inv(by_chart)
+    cross = system.cross[keep]
+    first, last = len(system.of_states) - 13, cross.shape[2] - 1
+    by_leaving = cross[:, :, given.columns]
+    by_state = cross[:, :, np.append(np.arange(first, first + 12), last)]
+    by_state = by_state + by_leaving @ given.by_next
+    by_state[:, :, :6] -= root @ by_pose
+    kept, rest = _compressed(by_leaving @ given.spread, shared)
+    noise = np.eye(3) + rest @ rest.transpose(0, 2, 1)
+    whitening = np.linalg.inv(np.linalg.cholesky(noise))
+    return LandmarkPrior(
+        window.landmarks.number[keep],
+        seen,
+        whitening @ root,
+        whitening @ by_state[:, :, :12],
+        whitening @ kept,
+        (whitening @ by_state[:, :, 12:])[..., 0],
+        *state,
+    )
+
+
+def _compressed(by_shared: Array, count: int) -> tuple[Array, Array]:
+    """(P, 3, count) by the variables that matter most, and (P, 3, rest) by all others."""
+    flat = by_shared.reshape(-1, by_shared.shape[2])
+    _, vectors = np.linalg.eigh(flat.T @ flat)
+    turned = by_shared @ vectors[:, ::-1]
+    return turned[:, :, :count], turned[:, :, count:]
+
+
+def _drifted(prior: LandmarkPrior, window: LandmarkWindow, drift: Array) -> LandmarkPrior:
+    """The prior of tracks that have moved on their landmarks."""
+    if not drift.any():
+        return prior
+    fx, fy, _, _, baseline = window.landmarks.camera
+    deviation = prior.root * (drift / [fx, fy, fx * baseline])
+    noise = np.eye(3) + deviation @ deviation.transpose(0, 2, 1)
+    whitening = np.linalg.inv(np.linalg.cholesky(noise))
+    return LandmarkPrior(
+        prior.number,
+        prior.seen,
+        whitening @ prior.root,
+        whitening @ prior.by_state,
+        whitening @ prior.by_shared,
+        (whitening @ prior.error[..., None])[..., 0],
+        prior.T_world_cam,
+        prior.velocity,
+    )

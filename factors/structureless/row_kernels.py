@@ -1,0 +1,258 @@
+"""Errors of measurements between states, their derivatives, and products of these."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from factors.kernels import (
+    EXACT,
+    RIGHT,
+    Array,
+    hermite_weights,
+    inner_kernel,
+    interpolated_local_kernel,
+    jacobian_coefficients_kernel,
+    kernel,
+    local_jacobian_kernel,
+    local_state_kernel,
+    retract_kernel,
+    se3_polynomial_kernel,
+)
+from factors.kernels.local_variables import backward_adjoint_kernel
+from factors.kernels.se3 import polynomial_derivative_kernel
+from factors.structureless.landmark_kernels import (
+    Index,
+    landmark_rows_kernel,
+    pose_rows_kernel,
+    prior_rows_kernel,
+)
+
+
+@kernel
+def measurement_rows_kernel(
+    T_states: Array,
+    v_states: Array,
+    order: Index,
+    first: Index,
+    a: Array,
+    b: Array,
+    T: Array,
+    of: Index,
+    charts: Array,
+    coordinates: Array,
+    measured: Array,
+    camera: Array,
+    whitening: Array,
+    weights: Array,
+) -> tuple[Array, Array]:
+    """Weighted rows (m, 3, 31) and derivatives (m, 3, 3) by the landmark of measurements `order`.
+
+    Columns are the derivative by the states before and after (24) and by xi at the measurement's
+    own time (6), then the error. The measurements n = order[...] are a[n] seconds after the state
+    first[n] and b[n] before the next one, from the pose T[n], of the landmark of[n].
+    """
+    local_j, by_states_j = np.empty((len(T_states) - 1, 12)), np.empty((len(T_states) - 1, 12, 24))
+    for i in range(len(local_j)):
+        local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+        by_states_j[i] = local_jacobian_kernel(local_j[i], v_states[i + 1], EXACT)
+    result, by_landmark = np.zeros((len(order), 3, 31)), np.empty((len(order), 3, 3))
+    h, by_h, rows = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
+    for m in range(len(order)):
+        n = order[m]
+        i, k = first[n], of[n]
+        landmark_rows_kernel(
+            T[n], charts[k], coordinates[k], measured[n], camera, whitening, h, by_h, rows
+        )
+        pose_rows_kernel(coordinates[k], h, by_h, weights[n], rows)
+        share = hermite_weights(a[n], b[n])
+        local = interpolated_local_kernel(v_states[i], local_j[i], share)
+        _chain_rule_kernel(rows, local, by_states_j[i], share, result[m])
+        for r in range(3):
+            result[m, r, 30] = rows[r, 9]
+            for c in range(3):
+                by_landmark[m, r, c] = rows[r, 6 + c]
+    return result, by_landmark
+
+
+@inner_kernel
+def _chain_rule_kernel(
+    rows: Array, local: Array, by_states_j: Array, share: Array, result: Array
+) -> None:
+    """Write the derivatives by both states (24) and by xi (6), of those by the pose between."""
+    jacobian = se3_polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
+    by_pose_i = backward_adjoint_kernel(local)
+    velocity, pose_j, rate_j = share[0, 0, 1], share[1, 0, 0], share[1, 0, 1]
+    for r in range(3):
+        for c in range(6):
+            by_xi = 0.0
+            for j in range(6):
+                by_xi += rows[r, j] * jacobian[j, c]
+                result[r, c] += rows[r, j] * by_pose_i[j, c]
+            result[r, 24 + c] = by_xi
+            result[r, 6 + c] += velocity * by_xi
+            p, s = pose_j * by_xi, rate_j * by_xi
+            for j in range(24):
+                result[r, j] += p * by_states_j[c, j] + s * by_states_j[6 + c, j]
+
+
+@kernel
+def prior_system_kernel(
+    T_first: Array,
+    charts: Array,
+    coordinates: Array,
+    prior: Index,
+    seen: Array,
+    root: Array,
+    offset: Array,
+    rows: Array,
+    by_landmark: Array,
+) -> None:
+    """Complete the rows (P, 3, 12 + d + 1) of a prior, and write those by its landmarks (P, 3, 3).
+
+    The columns of rows are those of A and C already; added are the derivative by the pose of the
+    first state and the error.
+    """
+    h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
+    for k in range(len(prior)):
+        p = prior[k]
+        if p >= 0:
+            prior_rows_kernel(
+                T_first, charts[k], coordinates[k], seen[p], root[p], offset[p], h, by_h, found
+            )
+            pose_rows_kernel(coordinates[k], h, by_h, 1.0, found)
+            for r in range(3):
+                rows[p, r, -1] = found[r, 9]
+                for c in range(6):
+                    rows[p, r, c] += found[r, c]
+                for c in range(3):
+                    by_landmark[p, r, c] = found[r, 6 + c]
+
+
+@kernel
+def add_cross_products_kernel(
+    of: Index,
+    state: Index,
+    latent: Index,
+    rank: Index,
+    gains: Array,
+    rows: Array,
+    by_landmark: Array,
+    cross: Array,
+    own: Array,
+) -> None:
+    """Add the products of the derivatives by landmarks with all others, and with themselves.
+
+    Measurement m is of landmark of[m]. Its columns in `cross` (L, 3, size) begin at state[m], of
+    both states, and at latent[m], of rank[m] variables of each component of xi, which they
+    determine by gains[m]; the last one is the error's. `own` is (L, 3, 3).
+    """
+    last = cross.shape[2] - 1
+    for m in range(len(of)):
+        k, column, r = of[m], latent[m], rank[m]
+        for p in range(3):
+            x, y, z = by_landmark[m, 0, p], by_landmark[m, 1, p], by_landmark[m, 2, p]
+            line, found = cross[k, p], rows[m]
+            both = line[state[m] : state[m] + 24]
+            for j in range(24):
+                both[j] += x * found[0, j] + y * found[1, j] + z * found[2, j]
+            for j in range(6):
+                by_xi = x * found[0, 24 + j] + y * found[1, 24 + j] + z * found[2, 24 + j]
+                for g in range(r):
+                    line[column + j * r + g] += by_xi * gains[m, g]
+            line[last] += x * found[0, 30] + y * found[1, 30] + z * found[2, 30]
+            for s in range(3):
+                own[k, p, s] += (
+                    x * by_landmark[m, 0, s] + y * by_landmark[m, 1, s] + z * by_landmark[m, 2, s]
+                )
+
+
+@kernel
+def whiten_kernel(own: Array, cross: Array, known: Array) -> None:
+    """Replace each `own` (3, 3) by its root U, UᵀU = own, and `cross` (3, size) by U⁻ᵀ cross.
+
+    Where it is singular, known[k] is 0 instead of 1, and `cross` is zero: nothing tells of that
+    landmark.
+    """
+    for k in range(len(own)):
+        known[k] = 1.0
+        for i in range(3):
+            for m in range(i):
+                scale = own[k, m, i]
+                for j in range(i, 3):
+                    own[k, i, j] -= scale * own[k, m, j]
+                for j in range(cross.shape[2]):
+                    cross[k, i, j] -= scale * cross[k, m, j]
+            if not own[k, i, i] > 0:
+                known[k] = 0.0
+                cross[k] = 0.0
+                break
+            scale = 1 / np.sqrt(own[k, i, i])
+            for j in range(3):
+                own[k, i, j] *= scale if j >= i else 0.0
+            for j in range(cross.shape[2]):
+                cross[k, i, j] *= scale
+
+
+@kernel
+def seen_from_kernel(T: Array, charts: Array, coordinates: Array) -> tuple[Array, Array, Array]:
+    """Coordinates (L, 3) of landmarks in the frame T, and their derivatives.
+
+    (L, 3, 3) by those in the charts (L, 4, 4), and (L, 3, 6) by the pose T.
+    """
+    count = len(coordinates)
+    seen, by_chart, by_pose = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3, 6))
+    h, by_h, rows, zero = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.zeros(3)
+    unit = np.eye(3)
+    for k in range(count):
+        prior_rows_kernel(T, charts[k], coordinates[k], zero, unit, zero, h, by_h, rows)
+        pose_rows_kernel(coordinates[k], h, by_h, 1.0, rows)
+        for i in range(3):
+            seen[k, i] = rows[i, 9]
+            for j in range(3):
+                by_chart[k, i, j] = rows[i, 6 + j]
+            for j in range(6):
+                by_pose[k, i, j] = rows[i, j]
+    return seen, by_chart, by_pose
+
+
+@inner_kernel
+def _local_to_state_kernel(T_i: Array, local: Array, T: Array, v: Array, by_local: Array) -> None:
+    """Write the pose T_i Exp(xi) and the twist Jr(xi) w, and their derivative by (xi, w)."""
+    retract_kernel(T_i, local, T, v)
+    k = jacobian_coefficients_kernel(local, RIGHT)
+    jacobian = se3_polynomial_kernel(local, k)
+    turning = polynomial_derivative_kernel(local, k, local[6:])
+    for i in range(6):
+        for j in range(6):
+            by_local[i, j] = by_local[6 + i, 6 + j] = jacobian[i, j]
+            by_local[6 + i, j] = turning[i, j]
+
+
+@kernel
+def state_rows_kernel(
+    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: Array, b: Array, deviation: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Poses (n, 4, 4) and twists (n, 6) at times a (n,) after state i and b before state j.
+
+    They deviate by (n, 12) in local variables from the interpolation. Also the derivatives of the
+    pose, perturbed on the right, and of the twist: by the local variables (n, 12, 12) and by the
+    pose i with these fixed (n, 6, 6); and those of the local variables by both states (n, 12, 24).
+    """
+    count = len(a)
+    T, v, by_local = np.zeros((count, 4, 4)), np.zeros((count, 6)), np.zeros((count, 12, 12))
+    by_pose_i, by_states = np.zeros((count, 6, 6)), np.zeros((count, 12, 24))
+    local_j = local_state_kernel(T_i, T_j, v_j)
+    by_states_j = local_jacobian_kernel(local_j, v_j, EXACT)
+    for n in range(count):
+        share = hermite_weights(a[n], b[n])
+        local = interpolated_local_kernel(v_i, local_j, share) + deviation[n]
+        _local_to_state_kernel(T_i, local, T[n], v[n], by_local[n])
+        by_pose_i[n] = backward_adjoint_kernel(local)
+        for half in range(2):
+            pose_j, rate_j = share[1, half, 0], share[1, half, 1]
+            for i in range(6):
+                by_states[n, 6 * half + i, 6 + i] = share[0, half, 1]
+                for j in range(24):
+                    by_states[n, 6 * half + i, j] += pose_j * by_states_j[i, j]
+                    by_states[n, 6 * half + i, j] += rate_j * by_states_j[6 + i, j]
+    return T, v, by_local, by_pose_i, by_states

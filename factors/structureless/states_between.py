@@ -1,0 +1,135 @@
+"""The states at the measurements' own times, given back after the graph was solved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.kernels import Array
+from factors.lie import se3_inverse, se3_log
+from factors.structureless.bridge import Bridge
+from factors.structureless.joint_system import JointSystem
+from factors.structureless.row_kernels import state_rows_kernel
+
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class StatesBetween:
+    """States at unique times between those of a graph.
+
+    Attributes
+    ----------
+    t
+        (n,) increasing times of measurements, seconds.
+    t_states, T_states, v_states
+        (m,), (m, 4, 4) and (m, 6) states of the graph.
+    """
+
+    t: Array
+    t_states: Array
+    T_states: Array
+    v_states: Array
+    _bridges: list[Bridge]
+    _latent: Index
+    _mean: Array
+    _by_states: Array
+    _covariance: Array
+    _qc_root: Array
+
+    @staticmethod
+    def moved_by(T: Array, v: Array, T_now: Array, v_now: Array) -> Array:
+        """(12 m,) step from states to where they are now, poses on the right."""
+        step = se3_log(se3_inverse(T) @ T_now)
+        return np.hstack([step, v_now - v]).ravel()
+
+    @staticmethod
+    def given(
+        system: JointSystem,
+        bridges: list[Bridge],
+        moved: Array,
+        t: Array,
+        qc_root: Array,
+        t_states: Array,
+        T_states: Array,
+        v_states: Array,
+    ) -> StatesBetween:
+        """The states, given a step (12 m,) since the system was linearised."""
+        root, right = system.shared_given_states()
+        inverse = np.linalg.inv(root)
+        by_states = -inverse.T @ right
+        mean = by_states @ np.append(moved, 1.0)
+        count = int(system.latent[-1] - system.latent[0])
+        covariance = (inverse.T @ inverse)[:count, :count]
+        latent = system.latent - system.latent[0]
+        found = mean[:count], by_states[:count, :-1], covariance
+        return StatesBetween(t, t_states, T_states, v_states, bridges, latent, *found, qc_root)
+
+    def states(self, t: Array | None = None) -> tuple[Array, Array]:
+        """Poses (n, 4, 4) and twists (n, 6) at times (n,) within the states, by default at `t`."""
+        t = self.t if t is None else t
+        T, v = np.empty((len(t), 4, 4)), np.empty((len(t), 6))
+        for i, part in self._intervals(t):
+            T[part], v[part], *_ = self._linearized(i, t[part])
+        return T, v
+
+    def joint_covariances(self, t: Array, covariance: Array) -> Array:
+        """(n - 1, 24, 24) of the states at increasing times (n,), of each and the next.
+
+        No state of the graph lies between two of the times. `covariance` (12 m, 12 m) is that of
+        these states; poses are perturbed on the right.
+        """
+        joint = np.empty((max(len(t) - 1, 0), 24, 24))
+        interval = self._interval(0.5 * (t[:-1] + t[1:]))
+        for i in np.unique(interval):
+            pairs = np.flatnonzero(interval == i)
+            times = t[pairs[0] : pairs[-1] + 2]
+            spread = self._covariance_within(int(i), times, covariance)
+            for k, pair in enumerate(pairs.tolist()):
+                joint[pair] = spread[12 * k : 12 * k + 24, 12 * k : 12 * k + 24]
+        return joint
+
+    def _covariance_within(self, i: int, t: Array, covariance: Array) -> Array:
+        """(12 n, 12 n) of the states at times (n,) between the states i and i + 1."""
+        _, _, by_local, by_pose_i, by_states = self._linearized(i, t)
+        M = by_local @ by_states
+        M[:, :6, :6] += by_pose_i
+        bridge, u = self._bridges[i], slice(self._latent[i], self._latent[i + 1])
+        weights = np.einsum("hnr,q->nhqr", bridge.weights(t - self.t_states[i]), np.ones(6))
+        weights = weights * self._qc_root[:, None]
+        N = np.zeros((len(t), 2, 6, 6, bridge.rank))
+        for q in range(6):
+            N[:, :, q, q] = weights[:, :, q]
+        N = by_local @ N.reshape(len(t), 12, 6 * bridge.rank)
+        # Of all states: those around the interval, and all others by way of u.
+        on_states = N.reshape(-1, 6 * bridge.rank) @ self._by_states[u]
+        on_states[:, 12 * i : 12 * i + 24] += M.reshape(-1, 24)
+        N = N.reshape(-1, 6 * bridge.rank)
+        total = on_states @ covariance @ on_states.T + N @ self._covariance[u, u] @ N.T
+        left = bridge.left(t - self.t_states[i])
+        rest = np.einsum("hkmn,q,qp->mhqnkp", left, self._qc_root**2, np.eye(6))
+        rest = rest.reshape(len(t), 12, -1)
+        rest = (by_local @ rest).reshape(-1, len(t), 12)
+        total += np.einsum("inj,nkj->ink", rest, by_local).reshape(total.shape)
+        return 0.5 * (total + total.T)
+
+    def _linearized(self, i: int, t: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """As of `state_rows_kernel`, at times (n,) between the states i and i + 1."""
+        bridge, u = self._bridges[i], self._mean[self._latent[i] : self._latent[i + 1]]
+        a = np.ascontiguousarray(t - self.t_states[i])
+        components = self._qc_root[:, None] * u.reshape(6, bridge.rank)
+        deviation = np.einsum("hnr,qr->nhq", bridge.weights(a), components).reshape(-1, 12)
+        T, v = self.T_states[i : i + 2], self.v_states[i : i + 2]
+        b = np.maximum(self.t_states[i + 1] - t, 0.0)
+        return state_rows_kernel(T[0], v[0], T[1], v[1], a, b, np.ascontiguousarray(deviation))
+
+    def _intervals(self, t: Array) -> list[tuple[int, NDArray[np.bool_]]]:
+        interval = self._interval(t)
+        return [(int(i), interval == i) for i in np.unique(interval)]
+
+    def _interval(self, t: Array) -> Index:
+        """(n,) number of the state before each time."""
+        before = np.searchsorted(self.t_states, t, "right") - 1
+        return np.clip(before, 0, len(self.t_states) - 2)
