@@ -1,7 +1,8 @@
 """MCAP files, alone or in a ROS 2 bag, also those that were never finished.
 
 As with ROS 1 bags the chunks are found by walking over the file, so that the summary at its end
-may be missing.
+may be missing. The mcap library, which writes ours, gives up at the first damage: nothing of a file
+that is cut short, half of one with a single wrong byte.
 """
 
 from __future__ import annotations
