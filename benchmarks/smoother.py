@@ -15,6 +15,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
@@ -23,7 +24,6 @@ from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
 from gpvo.config import Configuration, EstimatorConfig, NoiseConfig, load_configuration
 from gpvo.estimator import FixedLagSmoother, Repair, make_estimator
-from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.events import cluster_events
 from gpvo.mc_ransac import VelocityFit
 from gpvo.odometry import Odometry

@@ -29,9 +29,7 @@ class LinearStatesFactor(gtsam.CustomFactor):
     step of the pose, in rad, elsewhere.
     """
 
-    def __init__(
-        self, keys: Sequence[int], T_states: Array, v_states: Array, rows: Array
-    ) -> None:
+    def __init__(self, keys: Sequence[int], T_states: Array, v_states: Array, rows: Array) -> None:
         T_inverse, v_states = se3_inverse(T_states), v_states.copy()
 
         def error(

@@ -17,6 +17,7 @@ def optimize(
     values: gtsam.Values,
     max_iterations: int = 20,
     tolerance: float = 1e-9,
+    ordering: gtsam.Ordering | None = None,
 ) -> gtsam.Values:
     """Values at the least squares optimum of a graph, found by Gauss-Newton.
 
@@ -30,6 +31,8 @@ def optimize(
         Largest number of steps.
     tolerance
         Stop when a step lowers the error by less than this share of it, or less than this.
+    ordering
+        Elimination order of all variables; by COLAMD if none is given.
 
     Raises
     ------
@@ -38,7 +41,8 @@ def optimize(
     RuntimeError
         From GTSAM, naming the variable, if the measurements do not determine it.
     """
-    ordering = gtsam.Ordering.ColamdNonlinearFactorGraph(graph)
+    if ordering is None:
+        ordering = gtsam.Ordering.ColamdNonlinearFactorGraph(graph)
     error = _finite(graph.error(values))
     for _ in range(max_iterations):
         linear = graph.linearize(values)

@@ -2,13 +2,17 @@
 
 from gpvo.config import Configuration
 from gpvo.errors import InputError
+from gpvo.estimator import FixedLagSmoother
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
+from gpvo.tracking import Measurements
 from gpvo.trajectory import Trajectory
 
 __all__ = [
     "Configuration",
+    "FixedLagSmoother",
     "InputError",
+    "Measurements",
     "Odometry",
     "Recording",
     "Trajectory",

@@ -13,7 +13,7 @@ import numpy as np
 
 from gpvo.config import Configuration
 from gpvo.errors import InputError
-from gpvo.estimator import make_estimator, one_blas_thread
+from gpvo.estimator import Estimator, make_estimator, one_blas_thread
 from gpvo.events import StereoCluster, cluster_events
 from gpvo.front_end import FrontEnd
 from gpvo.recordings import Recording, StereoRig
@@ -59,7 +59,7 @@ class Odometry:
     >>> trajectory = odometry.run(recording)
 
     `stage`, if given, is entered around every stage with the stage's name, to time it. `tracker`
-    takes the place of the one that the configuration names.
+    and `estimator` take the place of those that the configuration names.
     """
 
     def __init__(
@@ -68,6 +68,7 @@ class Odometry:
         configuration: Configuration | None = None,
         stage: Callable[[str], AbstractContextManager[Any]] = nullcontext,
         tracker: Tracker | None = None,
+        estimator: Estimator | None = None,
     ) -> None:
         self.configuration = configuration or Configuration()
         self.reports: list[ClusterReport] = []
@@ -75,7 +76,7 @@ class Odometry:
         self._stage = stage
         self._front_end = FrontEnd(rig, self.configuration, tracker, stage)
         self.camera = self._front_end.camera
-        self.estimator = make_estimator(
+        self.estimator = estimator or make_estimator(
             self.camera, self.configuration.noise, self.configuration.estimator
         )
 
@@ -117,9 +118,7 @@ class Odometry:
     def _process(self, cluster: StereoCluster) -> ClusterReport:
         tracked = self._front_end.process(cluster)
         with self._stage("estimation"):
-            self.estimator.update(
-                len(self.reports), cluster.stop, tracked.measurements, tracked.velocity_estimate
-            )
+            self.estimator.update(cluster.stop, tracked.measurements, tracked.velocity_estimate)
         self.reports.append(
             ClusterReport(
                 cluster.start,

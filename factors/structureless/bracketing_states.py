@@ -55,6 +55,10 @@ class BracketingStates:
         self.t = t_states[used]
         self.first = np.searchsorted(used, first).astype(np.int64)
 
+    def at(self, t: Array) -> BracketingStates:
+        """Return the same states with other times."""
+        return BracketingStates(t, self.states, every=True)
+
     @property
     def keys(self) -> list[int]:
         """Pose and velocity of each state."""

@@ -67,6 +67,14 @@ class Bridge:
         flat = np.linalg.solve(self._root, cross.reshape(-1, self.rank).T).T
         return flat.reshape(2, len(times), self.rank)
 
+    def deviations(self, times: Array, u: Array) -> Array:
+        """(n, 12) deviations of (xi, w) at any times (n,), per root of Q_c, of u (6, r)."""
+        result = np.zeros((len(times), 12))
+        if self.rank:
+            coefficients = np.ascontiguousarray(np.linalg.solve(self._root.T, u.T))
+            deviations_kernel(times, self.pivots, self.duration, coefficients, result)
+        return result
+
     def left(self, times: Array) -> Array:
         """(2, 2, n, n) covariance of (xi, w) at times (n,) that u leaves, per unit of Q_c."""
         weights = self.weights(times)
@@ -94,6 +102,29 @@ def _wiener_covariance(a: Array, b: Array) -> Array:
     xi_w = np.where(a <= b, a**2 / 2, b * (a - b / 2))
     w_xi = np.where(b <= a, b**2 / 2, a * (b - a / 2))
     return np.array([[xi_xi, xi_w], [w_xi, first + 0 * (a + b)]])
+
+
+@kernel
+def deviations_kernel(
+    times: Array, pivots: Array, duration: float, coefficients: Array, result: Array
+) -> None:
+    """Add to result (n, 12) covariances of (xi, w) with xi at the pivots, by coefficients (r, 6).
+
+    The covariance of w(t) with xi(p) is the derivative of that of xi(t) by t.
+    """
+    d = duration
+    for n in range(len(times)):
+        for k in range(len(pivots)):
+            t, p = times[n], pivots[k]
+            value, s, q = _covariance_kernel(t, p, d), t, p
+            if t > p:  # the same from the other end
+                s, q = d - t, d - p
+            rest = d - q
+            slope = s * rest * rest * (6 * d * q - 3 * s * (d + 2 * q)) / (6 * d * d * d)
+            slope = -slope if t > p else slope
+            for j in range(6):
+                result[n, j] += value * coefficients[k, j]
+                result[n, 6 + j] += slope * coefficients[k, j]
 
 
 @kernel

@@ -32,10 +32,11 @@ def checked_measurements(measured: ArrayLike) -> Array:
 class Fit(NamedTuple):
     """Where landmarks fit best.
 
-    Coordinates (L, 3) in the charts (L, 4, 4), and the norms (n,) and the weights (n,) of the
-    whitened errors there.
+    Poses (n, 4, 4) at the measurements, coordinates (L, 3) in the charts (L, 4, 4), and the norms
+    (n,) and the weights (n,) of the whitened errors there.
     """
 
+    T: Array
     charts: Array
     coordinates: Array
     distances: Array
@@ -103,14 +104,14 @@ class FittedLandmarks:
         ones = np.ones(len(T))
         if self.loss.other is None:
             found = self._stepped(T, charts, self._initial, T_first, offset, ones, _MAX_STEPS)
-            return Fit(charts, *found, self.loss.weights(found[1]))
+            return Fit(T, charts, *found, self.loss.weights(found[1]))
         found = self._stepped(T, charts, self._initial, T_first, offset, ones, 0)
         for _ in range(_MAX_STEPS):
             before, weights = found[0], self.loss.weights(found[1])
             found = self._stepped(T, charts, before, T_first, offset, weights, 1)
             if np.abs(found[0] - before).max() <= _TOLERANCE:
                 break
-        return Fit(charts, *found, self.loss.weights(found[1]))
+        return Fit(T, charts, *found, self.loss.weights(found[1]))
 
     def _stepped(
         self,

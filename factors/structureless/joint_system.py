@@ -120,6 +120,40 @@ class JointSystem:
         H = self.information[np.ix_(columns, columns)] - explained.T @ explained
         return H, np.sqrt(self.scale[columns])
 
+    def landmark_steps(self, moved: Array) -> Array:
+        """Return the steps (L, 3) of the landmarks, given the step (12 m,) of the states."""
+        root, right = self.shared_given_states()
+        shared = -np.linalg.solve(root.T, right @ np.append(moved, 1.0))
+        right_side = self.cross @ np.concatenate([moved, shared, [1.0]])
+        regular = self.root + (1 - self.known)[:, None, None] * np.eye(3)
+        steps = np.linalg.solve(regular, right_side[..., None])[..., 0]
+        return -self.known[:, None] * steps
+
+    def predicted(
+        self, of: Index, first: Index, rows: Array, by_landmark: Array, covariance: Array
+    ) -> tuple[Array, Array]:
+        """Return expected errors (n, 3) and their covariances (n, 3, 3) of new measurements.
+
+        Their rows (n, 3, 31) and (n, 3, 3) are those of `measurement_rows_kernel`, of the
+        landmarks `of` and of states from the columns `first` on; `covariance` is that of the
+        states.
+        """
+        states, last = int(self.latent[0]), len(self.information) - 1
+        root, right = self.shared_given_states()
+        inverse = np.linalg.inv(root)
+        by_states = -inverse.T @ right
+        by_noise = by_landmark @ np.linalg.inv(self.root[of])
+        by_all = -by_noise @ self.cross[of]
+        by_shared = by_all[:, :, states:last]
+        on_states = by_all[:, :, :states] + by_shared @ by_states[:, :-1]
+        for n, column in enumerate(first.tolist()):
+            on_states[n, :, column : column + 24] += rows[n, :, :24]
+        error = rows[:, :, 30] + by_all[:, :, last] + by_shared @ by_states[:, -1]
+        free = by_shared @ inverse.T
+        parts = (on_states @ covariance, on_states), (free, free), (by_noise, by_noise)
+        spread = np.eye(3) + sum(a @ b.transpose(0, 2, 1) for a, b in parts)
+        return error, np.asarray(spread, np.float64)
+
 
 def _add_squares(found: Rows, latent: Index, H: Array) -> None:
     """Add JᵀJ of all columns but the landmarks'."""

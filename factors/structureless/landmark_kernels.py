@@ -82,17 +82,18 @@ def landmarks_kernel(
         for _ in range(steps):
             length = _step_kernel(system, step)
             before, scale = system[6, 0], 1.0
-            converged = length <= _CONVERGED * (1 + before)
+            if length <= _CONVERGED * (1 + before):
+                break
             while True:
                 for i in range(3):
                     trial[i] = q[i] + scale * step[i]
                 _system_kernel(T, chart, trial, *span, *data, *before_all)
-                if converged or system[6, 0] <= before or scale == 0.0:
+                if system[6, 0] <= before or scale == 0.0:
                     break
                 scale = 0.5 * scale if scale > 1e-3 else 0.0
             for i in range(3):
                 q[i] = trial[i]
-            if converged or scale == 0.0:
+            if scale == 0.0:
                 break
     return found, distances
 
@@ -163,7 +164,9 @@ def prior_rows_kernel(
     A camera of focal length and baseline one measures just these coordinates. The arguments are
     those of `landmark_rows_kernel`.
     """
-    landmark_rows_kernel(T, chart, q, seen, np.array([1.0, 1.0, 0.0, 0.0, 1.0]), root, h, by_h, rows)
+    landmark_rows_kernel(
+        T, chart, q, seen, np.array([1.0, 1.0, 0.0, 0.0, 1.0]), root, h, by_h, rows
+    )
     for i in range(3):
         rows[i, 9] += offset[i]
 

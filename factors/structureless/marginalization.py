@@ -59,7 +59,8 @@ def marginalize(
     structureless
         Factor of all measurements in the window, with a Q_c or a prior.
     values
-        Where to linearise: all states of the factor.
+        Where to linearise: all states of the factor. If it was linearised before, its landmarks are
+        taken where Gauss-Newton's step moved them.
     count
         Number of its first states that leave; at least one, and at least one stays.
     others
@@ -81,7 +82,7 @@ def marginalize(
     if not 0 < count < len(window.between.states):
         raise ValueError(f"count must be 1 to {len(window.between.states) - 1}, not {count}")
     T_states, v_states = window.between.read(values)
-    fit = window.fit(T_states, v_states)
+    fit = window.moved_fit(T_states, v_states)
     rows = window.rows(T_states, v_states, fit, count + 1)
     system = JointSystem.of_rows(rows, len(fit.coordinates))
     keys = window.between.keys[: 2 * (count + 1)]
@@ -151,9 +152,9 @@ def _prior(
     first, last = len(system.of_states) - 13, cross.shape[2] - 1
     by_leaving = cross[:, :, given.columns]
     by_state = cross[:, :, np.append(np.arange(first, first + 12), last)]
-    by_state = by_state + by_leaving @ given.by_next
+    by_state = by_state + _times(by_leaving, given.by_next)
     by_state[:, :, :6] -= root @ by_pose
-    kept, rest = _compressed(by_leaving @ given.spread, shared)
+    kept, rest = _compressed(_times(by_leaving, given.spread), shared)
     noise = np.eye(3) + rest @ rest.transpose(0, 2, 1)
     whitening = np.linalg.inv(np.linalg.cholesky(noise))
     return LandmarkPrior(
@@ -171,8 +172,13 @@ def _compressed(by_shared: Array, count: int) -> tuple[Array, Array]:
     """(P, 3, count) by the variables that matter most, and (P, 3, rest) by all others."""
     flat = by_shared.reshape(-1, by_shared.shape[2])
     _, vectors = np.linalg.eigh(flat.T @ flat)
-    turned = by_shared @ vectors[:, ::-1]
+    turned = _times(by_shared, vectors[:, ::-1])
     return turned[:, :, :count], turned[:, :, count:]
+
+
+def _times(rows: Array, matrix: Array) -> Array:
+    """Product (P, 3, n) of rows (P, 3, m) with one matrix (m, n), in one call of BLAS."""
+    return (rows.reshape(-1, rows.shape[2]) @ matrix).reshape(*rows.shape[:2], -1)
 
 
 def _drifted(prior: LandmarkPrior, window: LandmarkWindow, drift: Array) -> LandmarkPrior:

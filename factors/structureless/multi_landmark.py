@@ -10,6 +10,7 @@ eliminated, too (`Bridge`), and with a prior the landmarks know what earlier mea
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -95,6 +96,7 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
             raise ValueError(f"measured must have two rows or more, not {len(t)}")
         roots = None if qc is None else np.sqrt(_diagonal(qc))
         order = np.lexsort((t, number))
+        self._place = np.argsort(order)
         between = BracketingStates(t[order], states, not (qc is None and prior is None))
         prior = LandmarkPrior.none() if prior is None else prior
         found = FittedLandmarks(measurements[order], number[order], model, camera, prior)
@@ -102,7 +104,7 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
         super().__init__(gtsam.noiseModel.Unit.Create(window.size), between.keys, window.error)
 
     def landmarks(self, values: gtsam.Values) -> tuple[Index, Array]:
-        """(L,) increasing landmarks, and the (L, 3) points in the world that fit them best.
+        """Return (L,) increasing landmarks and the (L, 3) points in the world that fit best.
 
         One whose rays diverge fits best beyond infinity: a point behind the cameras.
         """
@@ -110,8 +112,42 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
         return window.landmarks.number, window.fit(*window.between.read(values)).points()
 
     def states_between(self, values: gtsam.Values) -> StatesBetween:
-        """The states at the measurements' own times, given those of the graph."""
+        """Return the states at the measurements' own times, given those of the graph."""
         return self.window.states_between(*self.window.between.read(values))
+
+    def residuals(self, values: gtsam.Values) -> Array:
+        """Return the errors (n, 3) of the measurements, predicted less measured, pixels."""
+        return self.window.residuals(*self.window.between.read(values))[self._place]
+
+    def squared_distances(
+        self,
+        values: gtsam.Values,
+        measured: ArrayLike,
+        times: ArrayLike,
+        landmarks: ArrayLike,
+        covariance: Array,
+    ) -> Array:
+        """Return squared Mahalanobis distances (n,) of new measurements from their prediction.
+
+        `covariance` (12 m, 12 m) is that of the states, given all but the new measurements. The
+        distance of a landmark that the factor does not know is not a number.
+        """
+        measurements = checked_measurements(measured)
+        t = checked_times(times, len(measurements))
+        number = _checked_landmarks(landmarks, len(t))
+        states = self.window.between.read(values)
+        return self.window.squared_distances(*states, measurements, t, number, covariance)
+
+
+class Linearization(NamedTuple):
+    """Where a window was linearised, and what came of it: `root` are the rows on the states."""
+
+    T_states: Array
+    v_states: Array
+    fit: Fit
+    system: JointSystem
+    bridges: list[Bridge]
+    root: Array
 
 
 class LandmarkWindow:
@@ -137,7 +173,7 @@ class LandmarkWindow:
         self.between, self.t, self.landmarks, self.prior = between, t, landmarks, prior
         self.size = 12 * len(between.states) + 1
         self.qc_root, self._tolerance = qc_root, tolerance
-        self._linearized: tuple[Array, Array, JointSystem, list[Bridge], Array] | None = None
+        self._linearized: Linearization | None = None
 
     def error(
         self, _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
@@ -146,7 +182,7 @@ class LandmarkWindow:
         T_states, v_states = self.between.read(values)
         if jacobians is None:
             return self._cost(T_states, v_states)
-        root = self._at(T_states, v_states)[4]
+        root = self.linearized(T_states, v_states).root
         for block in range(2 * len(self.between.states)):
             jacobians[block] = root[:, 6 * block : 6 * block + 6]
         return root[:, -1]
@@ -156,12 +192,22 @@ class LandmarkWindow:
         _, offset = self.prior.at(T_states[0], v_states[0])
         return self.landmarks.fit(self.between.poses(T_states, v_states), T_states[0], offset)
 
+    def moved_fit(self, T_states: Array, v_states: Array) -> Fit:
+        """Return the landmarks where the last Gauss-Newton step took them, or where they fit."""
+        at = self._linearized
+        if at is None:
+            return self.fit(T_states, v_states)
+        moved = StatesBetween.moved_by(at.T_states, at.v_states, T_states, v_states)
+        coordinates = at.fit.coordinates + at.system.landmark_steps(moved)
+        T = self.between.poses(T_states, v_states)
+        return at.fit._replace(T=T, coordinates=coordinates)
+
     def rows(self, T_states: Array, v_states: Array, fit: Fit, states: int) -> Rows:
         """Linearised measurements between the first `states` states, and the prior."""
         between, landmarks = self.between, self.landmarks
         order = np.argsort(between.first, kind="stable")
         order = order[: np.searchsorted(between.first[order], states - 1)]
-        interval, T = between.first[order], between.poses(T_states, v_states)
+        interval = between.first[order]
         rows, by_landmark = measurement_rows_kernel(
             T_states,
             v_states,
@@ -169,7 +215,7 @@ class LandmarkWindow:
             between.first,
             between.a,
             between.b,
-            T,
+            fit.T,
             landmarks.of,
             fit.charts,
             fit.coordinates,
@@ -184,45 +230,88 @@ class LandmarkWindow:
         prior = self._prior_rows(T_states[0], v_states[0], fit)
         return Rows(interval, landmarks.of[order], rows, by_landmark, bridges, *prior)
 
-    def states_between(self, T_states: Array, v_states: Array) -> StatesBetween:
-        """States at the times of the measurements; those of the graph may have moved since."""
-        if self._linearized is None:
-            self._at(T_states, v_states)
-        assert self._linearized is not None
-        T_linear, v_linear, system, bridges, _ = self._linearized
-        moved = StatesBetween.moved_by(T_linear, v_linear, T_states, v_states)
-        qc_root = np.zeros(6) if self.qc_root is None else self.qc_root
-        states = self.between.t, T_states, v_states
-        return StatesBetween.given(system, bridges, moved, np.unique(self.t), qc_root, *states)
-
-    def _cost(self, T_states: Array, v_states: Array) -> Array:
-        """(12 m + 1,) zeros, but the last: half its square is the cost."""
-        error = np.zeros(self.size)
-        fit = self.fit(T_states, v_states)
-        square = 2 * self.landmarks.loss.total(fit.distances)
-        if self.qc_root is not None or len(self.prior):
-            found = self._at(T_states, v_states)[4][:, -1]
-            square += found @ found - fit.weights @ fit.distances**2
-        error[-1] = np.sqrt(max(square, 0.0))
-        return error
-
-    def _at(
-        self, T_states: Array, v_states: Array
-    ) -> tuple[Array, Array, JointSystem, list[Bridge], Array]:
-        """The states, the system linearised there, its bridges, and its root on the states.
-
-        iSAM2 linearises a new factor twice at the same values.
-        """
+    def linearized(self, T_states: Array, v_states: Array) -> Linearization:
+        """Linearise at the states. iSAM2 linearises a new factor twice at the same values."""
         kept = self._linearized
         if kept is None or not (
-            np.array_equal(T_states, kept[0]) and np.array_equal(v_states, kept[1])
+            np.array_equal(T_states, kept.T_states) and np.array_equal(v_states, kept.v_states)
         ):
             fit = self.fit(T_states, v_states)
             rows = self.rows(T_states, v_states, fit, len(T_states))
             system = JointSystem.of_rows(rows, len(fit.coordinates))
-            root = root_kernel(*system.on_states())
-            kept = self._linearized = T_states, v_states, system, rows.bridges, root
+            try:
+                root = root_kernel(*system.on_states())
+            except np.linalg.LinAlgError:  # a callback must not raise
+                root = np.full((self.size, self.size), np.nan)
+            kept = Linearization(T_states, v_states, fit, system, rows.bridges, root)
+            self._linearized = kept
         return kept
+
+    def states_between(self, T_states: Array, v_states: Array) -> StatesBetween:
+        """Return states at the measurements' times; those of the graph may have moved since."""
+        at = self._linearized or self.linearized(T_states, v_states)
+        moved = StatesBetween.moved_by(at.T_states, at.v_states, T_states, v_states)
+        qc_root = np.zeros(6) if self.qc_root is None else self.qc_root
+        states = self.between.t, T_states, v_states
+        return StatesBetween.given(
+            at.system, at.bridges, moved, np.unique(self.t), qc_root, *states
+        )
+
+    def residuals(self, T_states: Array, v_states: Array) -> Array:
+        """Return the errors (n, 3) of the measurements from the landmarks that fit best."""
+        fit = self.fit(T_states, v_states)
+        T, points = fit.T, fit.points()[self.landmarks.of]
+        local = np.einsum("nji,nj->ni", T[:, :3, :3], points - T[:, :3, 3])
+        return StereoCamera(*self.landmarks.camera).project(local) - self.landmarks.measured
+
+    def squared_distances(
+        self,
+        T_states: Array,
+        v_states: Array,
+        measured: Array,
+        t: Array,
+        number: Index,
+        covariance: Array,
+    ) -> Array:
+        """Return squared Mahalanobis distances (n,) of other measurements from their prediction."""
+        at, distance = self.linearized(T_states, v_states), np.full(len(t), np.nan)
+        of = np.minimum(np.searchsorted(self.landmarks.number, number), len(at.system.known) - 1)
+        known = (self.landmarks.number[of] == number) & (at.system.known[of] > 0)
+        if not known.any():
+            return distance
+        order, between = np.flatnonzero(known), self.between.at(t)
+        rows, by_landmark = measurement_rows_kernel(
+            T_states,
+            v_states,
+            order,
+            between.first,
+            between.a,
+            between.b,
+            between.poses(T_states, v_states),
+            of,
+            at.fit.charts,
+            at.fit.coordinates,
+            measured,
+            self.landmarks.camera,
+            self.landmarks.whitening,
+            np.ones(len(t)),
+        )
+        first = 12 * between.first[order]
+        error, spread = at.system.predicted(of[order], first, rows, by_landmark, covariance)
+        solved = np.linalg.solve(spread, error[..., None])[..., 0]
+        distance[order] = np.einsum("nr,nr->n", error, solved)
+        return distance
+
+    def _cost(self, T_states: Array, v_states: Array) -> Array:
+        """(12 m + 1,) zeros except the last: half its square is the cost."""
+        error = np.zeros(self.size)
+        fit = self.fit(T_states, v_states)
+        square = 2 * self.landmarks.loss.total(fit.distances)
+        if self.qc_root is not None or len(self.prior):
+            found = self.linearized(T_states, v_states).root[:, -1]
+            square += found @ found - fit.weights @ fit.distances**2
+        error[-1] = np.sqrt(max(square, 0.0))
+        return error
 
     def _bridges(self, order: Index, interval: Index, rows: Array, states: int) -> list[Bridge]:
         """The bridge between each state and the next."""

@@ -215,6 +215,33 @@ def seen_from_kernel(T: Array, charts: Array, coordinates: Array) -> tuple[Array
     return seen, by_chart, by_pose
 
 
+@kernel
+def states_between_kernel(
+    T_states: Array,
+    v_states: Array,
+    first: Index,
+    a: Array,
+    b: Array,
+    deviation: Array,
+    T: Array,
+    v: Array,
+) -> None:
+    """Write poses (n, 4, 4) and twists (n, 6) at a (n,) seconds after the state first (n,).
+
+    The next state is b (n,) seconds later. They deviate by (n, 12) in local variables around the
+    first state from the interpolation.
+    """
+    local_j = np.empty((len(T_states) - 1, 12))
+    for i in range(len(local_j)):
+        local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+    for n in range(len(a)):
+        i = first[n]
+        local = interpolated_local_kernel(v_states[i], local_j[i], hermite_weights(a[n], b[n]))
+        for m in range(12):
+            local[m] += deviation[n, m]
+        retract_kernel(T_states[i], local, T[n], v[n])
+
+
 @inner_kernel
 def _local_to_state_kernel(T_i: Array, local: Array, T: Array, v: Array, by_local: Array) -> None:
     """Write the pose T_i Exp(xi) and the twist Jr(xi) w, and their derivative by (xi, w)."""

@@ -11,7 +11,7 @@ from factors.kernels import Array
 from factors.lie import se3_inverse, se3_log
 from factors.structureless.bridge import Bridge
 from factors.structureless.joint_system import JointSystem
-from factors.structureless.row_kernels import state_rows_kernel
+from factors.structureless.row_kernels import state_rows_kernel, states_between_kernel
 
 Index = NDArray[np.int64]
 
@@ -71,8 +71,11 @@ class StatesBetween:
         """Poses (n, 4, 4) and twists (n, 6) at times (n,) within the states, by default at `t`."""
         t = self.t if t is None else t
         T, v = np.empty((len(t), 4, 4)), np.empty((len(t), 6))
-        for i, part in self._intervals(t):
-            T[part], v[part], *_ = self._linearized(i, t[part])
+        first, deviation = self._interval(t), np.empty((len(t), 12))
+        for i in np.unique(first):
+            deviation[first == i] = self._deviation(int(i), t[first == i])
+        a, b = t - self.t_states[first], np.maximum(self.t_states[first + 1] - t, 0.0)
+        states_between_kernel(self.T_states, self.v_states, first, a, b, deviation, T, v)
         return T, v
 
     def joint_covariances(self, t: Array, covariance: Array) -> Array:
@@ -104,9 +107,10 @@ class StatesBetween:
             N[:, :, q, q] = weights[:, :, q]
         N = by_local @ N.reshape(len(t), 12, 6 * bridge.rank)
         # Of all states: those around the interval, and all others by way of u.
-        on_states = N.reshape(-1, 6 * bridge.rank) @ self._by_states[u]
+        N = N.reshape(12 * len(t), 6 * bridge.rank)
+        on_states = N @ self._by_states[u]
         on_states[:, 12 * i : 12 * i + 24] += M.reshape(-1, 24)
-        N = N.reshape(-1, 6 * bridge.rank)
+
         total = on_states @ covariance @ on_states.T + N @ self._covariance[u, u] @ N.T
         left = bridge.left(t - self.t_states[i])
         rest = np.einsum("hkmn,q,qp->mhqnkp", left, self._qc_root**2, np.eye(6))
@@ -117,17 +121,15 @@ class StatesBetween:
 
     def _linearized(self, i: int, t: Array) -> tuple[Array, Array, Array, Array, Array]:
         """As of `state_rows_kernel`, at times (n,) between the states i and i + 1."""
-        bridge, u = self._bridges[i], self._mean[self._latent[i] : self._latent[i + 1]]
-        a = np.ascontiguousarray(t - self.t_states[i])
-        components = self._qc_root[:, None] * u.reshape(6, bridge.rank)
-        deviation = np.einsum("hnr,qr->nhq", bridge.weights(a), components).reshape(-1, 12)
         T, v = self.T_states[i : i + 2], self.v_states[i : i + 2]
-        b = np.maximum(self.t_states[i + 1] - t, 0.0)
-        return state_rows_kernel(T[0], v[0], T[1], v[1], a, b, np.ascontiguousarray(deviation))
+        a, b = t - self.t_states[i], np.maximum(self.t_states[i + 1] - t, 0.0)
+        return state_rows_kernel(T[0], v[0], T[1], v[1], a, b, self._deviation(i, t))
 
-    def _intervals(self, t: Array) -> list[tuple[int, NDArray[np.bool_]]]:
-        interval = self._interval(t)
-        return [(int(i), interval == i) for i in np.unique(interval)]
+    def _deviation(self, i: int, t: Array) -> Array:
+        """(n, 12) local deviations at times (n,) between the states i and i + 1."""
+        bridge, u = self._bridges[i], self._mean[self._latent[i] : self._latent[i + 1]]
+        components = self._qc_root[:, None] * u.reshape(6, bridge.rank)
+        return bridge.deviations(t - self.t_states[i], components)
 
     def _interval(self, t: Array) -> Index:
         """(n,) number of the state before each time."""

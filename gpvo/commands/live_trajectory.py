@@ -30,10 +30,10 @@ class LiveFile:
         self._writer = TumWriter(self._path, UNFINISHED)
         return self
 
-    def append_settled(self) -> None:
+    def append_final(self) -> None:
         """Append what has become final since the last call."""
-        settled = self._odometry.estimator.settled(self._last)
-        for t, T_world_cam in zip(settled.t.tolist(), settled.T_world_cam, strict=True):
+        final = self._odometry.estimator.final_states(self._last)
+        for t, T_world_cam in zip(final.t.tolist(), final.T_world_cam, strict=True):
             self._writer.append(self._start_ns + round(t * 1e9), T_world_cam)
             self._last = t
 

@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from gpvo.config import Configuration, configuration_text
-from gpvo.estimator import Repair
+from gpvo.estimator import Diagnostic
 from gpvo.evaluation import Evaluation, evaluate
 from gpvo.evaluation.evaluate import common_stamps
 from gpvo.evaluation.metrics.association import common_part
@@ -42,7 +42,7 @@ class Result:
 
     trajectory: Trajectory
     reports: list[ClusterReport]
-    repairs: list[Repair]
+    diagnostics: list[Diagnostic]
     configuration: Configuration
     evaluation: Evaluation | None = None
     ground_truth: StampedPoses | None = None
@@ -72,8 +72,8 @@ class Result:
             "median_inliers": float(np.median([report.inliers for report in self.reports])),
         }
         errors = None if self.evaluation is None else self.evaluation.to_dict()
-        repairs = [repair.to_dict() for repair in self.repairs]
-        return {"run": run, "errors": errors, "repairs": repairs}
+        diagnostics = [diagnostic.to_dict() for diagnostic in self.diagnostics]
+        return {"run": run, "errors": errors, "diagnostics": diagnostics}
 
     def table(self) -> Table:
         """Summary of the run."""
@@ -85,8 +85,8 @@ class Result:
             "inlier tracklets per cluster": f"{run['median_inliers']:.0f} (median)",
             "states": f"{run['states']} from {run['start_s']:.3f} to {run['stop_s']:.3f} s",
         }
-        if self.repairs:
-            rows["repairs"] = f"{len(self.repairs)}, listed in metrics.json"
+        if self.diagnostics:
+            rows["left out or rebuilt"] = f"{len(self.diagnostics)}, listed in metrics.json"
         table = Table(show_header=False)
         for name, value in rows.items():
             table.add_row(name, value)

@@ -94,14 +94,14 @@ def run_and_write(
 
         def advance(report: ClusterReport) -> None:
             progress.advance(report)
-            live.append_settled()
+            live.append_final()
 
         trajectory = odometry.run(recording, start, duration, advance)
     events = sum(report.events for report in odometry.reports)
     cost = meter.total(stop - start, events)
     evaluation = evaluate_trajectory(trajectory, truth) if truth else None
-    repairs = odometry.estimator.repairs
-    result = Result(trajectory, odometry.reports, repairs, configuration, evaluation, truth)
+    diagnostics = odometry.estimator.diagnostics
+    result = Result(trajectory, odometry.reports, diagnostics, configuration, evaluation, truth)
     result.write(folder)
     write_cost(folder, cost)
     console.print(result.table())

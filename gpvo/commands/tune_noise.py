@@ -18,14 +18,11 @@ from gpvo.commands.inputs import (
     load_ground_truth,
 )
 from gpvo.config import Configuration, NoiseConfig
-from gpvo.estimator import Repair
 from gpvo.estimator.noise_learning import states_of_poses, tuned_noise
 from gpvo.events import cluster_events
-from gpvo.mc_ransac import VelocityFit
-from gpvo.odometry import Odometry
+from gpvo.front_end import FrontEnd
 from gpvo.recordings import Recording, open_recording
-from gpvo.tracking import Measurements
-from gpvo.trajectory import StampedPoses, States
+from gpvo.trajectory import StampedPoses
 
 
 def tune_noise(
@@ -47,13 +44,11 @@ def tuned_on_recording(
     recording: Recording, truth: StampedPoses, configuration: Configuration
 ) -> NoiseConfig:
     """Noise parameters learned from a recording's inlier tracklets and its true poses."""
-    odometry, recorder = Odometry(recording.rig, configuration), _Recorder()
-    odometry.estimator = recorder
-    batches = recording.event_batches()
-    for cluster in cluster_events(batches, recording.rig, configuration.clustering):
-        odometry.process(cluster)
+    front_end, batches = FrontEnd(recording.rig, configuration), recording.event_batches()
+    clusters = cluster_events(batches, recording.rig, configuration.clustering)
+    measured = (front_end.process(cluster).measurements for cluster in clusters)
     t = np.asarray((truth.stamps_ns - recording.start_ns) * 1e-9, np.float64)
-    return tuned_noise(recorder.clusters, states_of_poses(t, truth.T_world_cam), odometry.camera)
+    return tuned_noise(measured, states_of_poses(t, truth.T_world_cam), front_end.camera)
 
 
 def noise_text(noise: NoiseConfig) -> str:
@@ -63,25 +58,3 @@ def noise_text(noise: NoiseConfig) -> str:
         for name in ("acceleration_psd", "measurement_information")
     }
     return str(yaml.safe_dump({"noise": fields}, sort_keys=False))
-
-
-class _Recorder:
-    """An estimator that only remembers its measurements."""
-
-    def __init__(self) -> None:
-        self.repairs: list[Repair] = []
-        self.clusters: list[Measurements] = []
-
-    def update(
-        self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
-    ) -> States:
-        """Remember a cluster's measurements."""
-        self.clusters.append(measurements)
-        return States()
-
-    def settled(self, after: float) -> States:
-        """There are none."""
-        return States()
-
-    def trajectory(self, start_ns: int) -> None:
-        """There is none."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -324,6 +324,13 @@ class NoiseConfig(StageConfig):
         (0.5, 0.5, 0.1),
         description="Diagonal of R^-1, the inverse covariance of (u_left, v, disparity), pixel^-2.",
     )
+    track_drift: float = Field(
+        0.25,
+        ge=0,
+        description="Random walk of a tracked point on its landmark, pixels per root second: what "
+        "a landmark was measured at before the window counts as much less certain. 0 takes it for "
+        "a point, as the paper does.",
+    )
     initial_velocity: float = Field(
         1.0, gt=0, description="Standard deviation of the first velocity, rad/s and m/s."
     )
@@ -332,17 +339,11 @@ class NoiseConfig(StageConfig):
 class EstimatorConfig(StageConfig):
     """Section III-C: the sliding window or fixed-lag smoother."""
 
-    method: Literal["gauss_newton", "fixed_lag", "batch"] = Field(
-        "gauss_newton",
-        description="gauss_newton: Gauss-Newton over the window, and a prior that keeps what "
-        "earlier clusters told; fixed_lag: GTSAM's IncrementalFixedLagSmoother, which takes "
-        "factors of your own; batch: Gauss-Newton over the window alone, as in the paper.",
-    )
-    landmarks: Literal["eliminated", "variables"] = Field(
-        "eliminated",
-        description="Of fixed_lag at key times: eliminated before GTSAM sees them, each followed "
-        "for a window at a time, or variables of its graph, slower. At unique times they always "
-        "are variables.",
+    method: Literal["fixed_lag", "batch"] = Field(
+        "fixed_lag",
+        description="fixed_lag: GTSAM's IncrementalFixedLagSmoother, which keeps what is known "
+        "from before the window and takes factors of your own; batch: Gauss-Newton over the window "
+        "alone, every state and landmark a variable of a GTSAM graph, as in the paper.",
     )
     window: int = Field(
         5, ge=2, description="Lag in clusters: how many of the latest are in the window."
@@ -354,17 +355,19 @@ class EstimatorConfig(StageConfig):
         0.0,
         ge=0,
         description="0 for unique times: every time of a measurement is a state, as in the paper. "
-        "Otherwise key times: states so many seconds apart or less, such as 0.025, and each "
+        "Otherwise key times: states at most this far apart, seconds, such as 0.025, and each "
         "measurement between them at its own time, interpolated.",
     )
     relative_decrease: float = Field(
-        0.01, gt=0, lt=1, description="Gauss-Newton ends when the cost changes by less than this."
+        0.01,
+        gt=0,
+        lt=1,
+        description="Gauss-Newton of batch ends when the cost changes by less than this share.",
     )
-    iterations: int = Field(15, ge=1, description="Largest number of Gauss-Newton steps.")
-    loss: Literal["none", "huber", "cauchy", "gnc"] = Field(
+    iterations: int = Field(15, ge=1, description="Largest number of Gauss-Newton steps of batch.")
+    loss: Literal["none", "huber", "cauchy", "geman_mcclure"] = Field(
         "none",
-        description="Loss of a measurement's error: none is least squares, as in the paper; gnc is "
-        "Geman-McClure by graduated non-convexity.",
+        description="Loss of a measurement's error: none is least squares, as in the paper.",
     )
     loss_scale: float = Field(
         3.0, gt=0, description="Error beyond which a loss lets go, standard deviations (norm)."
@@ -379,6 +382,20 @@ class EstimatorConfig(StageConfig):
     covariance_interval: float = Field(
         0.02, gt=0, description="Time between states whose joint covariance is kept, seconds."
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_what_is_new(cls, values: Any) -> Any:
+        """Name the present value of what earlier versions had."""
+        if isinstance(values, dict):
+            for field, old, new in (
+                ("method", "gauss_newton", "method: fixed_lag has a state at every unique time"),
+                ("loss", "gnc", "the loss is called geman_mcclure"),
+                ("landmarks", None, "leave it out: fixed_lag eliminates landmarks and loses none"),
+            ):
+                if field in values and old in (None, values[field]):
+                    raise ValueError(f"{field}: {values[field]} is no longer there; {new}")
+        return values
 
 
 class Configuration(StageConfig):

@@ -10,13 +10,19 @@ from numpy.typing import NDArray
 from factors import StereoCamera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.batch_graph import Window
-from gpvo.estimator.diagnostics import Repair, named_landmark, repairs_of, split_possible
+from gpvo.estimator.diagnostics import (
+    Diagnostic,
+    checked_measurements,
+    diagnostics_of,
+    named_landmark,
+    split_usable,
+)
 from gpvo.estimator.gate import within_gate
-from gpvo.estimator.graph_builder import FactorMaker, state_times
+from gpvo.estimator.graph_builder import GraphBuilder
+from gpvo.estimator.graph_update import NumberedStates
 from gpvo.estimator.initialization import start_deviations, start_states, velocity_ahead
-from gpvo.estimator.lag_window import Sensor
-from gpvo.estimator.robust import RobustLoss
-from gpvo.estimator.state_times import Lag
+from gpvo.estimator.isam2 import FAILURES, pairs_of_neighbours
+from gpvo.estimator.state_times import Lag, state_times
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements, seen_twice
 from gpvo.trajectory.covariance_knots import CovarianceKnots
@@ -33,11 +39,16 @@ class SlidingWindow:
     and it and all earlier ones are final.
     """
 
-    def __init__(self, camera: StereoCamera, noise: NoiseConfig, config: EstimatorConfig) -> None:
-        self.repairs: list[Repair] = []
-        self._make = FactorMaker(camera, noise, RobustLoss(config.loss, config.loss_scale))
-        self._config = config
-        self._lag = Lag(config)
+    def __init__(
+        self,
+        camera: StereoCamera,
+        noise: NoiseConfig | None = None,
+        config: EstimatorConfig | None = None,
+    ) -> None:
+        self.diagnostics: list[Diagnostic] = []
+        self._config = config or EstimatorConfig()
+        self._build = GraphBuilder(camera, noise or NoiseConfig(), self._config)
+        self._lag = Lag(self._config)
         self._final: list[States] = []
         self._states = States()
         self._knots: list[CovarianceKnots] = []
@@ -45,25 +56,36 @@ class SlidingWindow:
         self._coasting = np.empty(0)
 
     def update(
-        self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
+        self,
+        end_time: float,
+        measurements: Measurements,
+        velocity_estimate: VelocityFit | None = None,
     ) -> States:
-        """Take the inlier measurements that cluster number `frame`, which ended at `stop`, added.
+        """Take the inlier measurements that a cluster added, which ended at `end_time`, seconds.
 
-        Without any, the prior carries the estimate on to `stop`. Returned are the states in the
-        window as they are estimated now.
+        Without any, the prior carries the estimate on to its end. `velocity_estimate`, if given,
+        is where the new states start from. Returned are the states in the window as estimated now.
+
+        Raises
+        ------
+        ValueError
+            If a column of the measurements has another type or length.
         """
-        possible, repairs = split_possible(measurements, stop)
-        self.repairs += repairs
+        earliest = self._states.t[0] if len(self._states) else -np.inf
+        checked = checked_measurements(measurements)
+        usable, left_out = split_usable(checked, earliest, end_time)
+        self.diagnostics += left_out
         if len(self._states) == 0:
-            if len(possible) == 0:
+            if len(usable) == 0:
                 return States()
-            self._states = start_states(possible.t.min(), fit, self._make.noise)
+            start = usable.t.min()
+            self._states = start_states(start, velocity_estimate, self._build.noise)
         earlier = self._measurements
-        self._add(stop, self._accepted(possible))
+        self._add(end_time, self._accepted(usable))
         t = self._window_times()
         if len(t) < 2:
             return self._states
-        optimized = self._optimized(t, fit)
+        optimized = self._optimized(t, velocity_estimate)
         final = int(np.searchsorted(self._states.t, t[0]))
         if final:
             self._knots.append(self._knots_until(t[0], earlier))
@@ -72,48 +94,59 @@ class SlidingWindow:
         return optimized
 
     def _accepted(self, new: Measurements) -> Measurements:
-        """Without the measurements beyond the gate."""
-        sensor = Sensor(self._make.camera, self._make.noise, self._config)
-        covariance = np.diag(self._anchor_deviations**2)
-        new, repairs = within_gate(sensor, self._states, covariance, self._measurements, new)
-        self.repairs += repairs
+        """Return the measurements within the gate: of states at knots, as far as these go."""
+        known = seen_twice(self._measurements)
+        if self._config.gate == 0 or len(known) == 0 or len(new) == 0:
+            return new
+        measured = np.concatenate([self._states.t, new.t, known.t])
+        t = state_times(measured, self._config.covariance_interval, self._states.t[0])
+        states = self._states.at(np.append(self._states.t[0], t))
+        covariance = np.diag(self._first_deviations**2)
+        window = NumberedStates(0, states)
+        try:
+            spread = Window(states, known, covariance).covariance(self._build, len(states))
+        except FAILURES:
+            return new
+        factor = self._build.structureless(window.numbers, states.t, known)
+        new, left_out = within_gate(factor, window, spread, new, self._config.gate)
+        self.diagnostics += left_out
         return new
 
-    def _optimized(self, t: Array, fit: VelocityFit | None) -> States:
+    def _optimized(self, t: Array, velocity_estimate: VelocityFit | None) -> States:
         """States at times t (K,); without the measurements if these do not determine them."""
-        ahead = velocity_ahead(self._states, t[-1], fit, self._make.noise)
-        anchor = np.diag(self._anchor_deviations**2)
-        window = Window(self._states.at(t, ahead), seen_twice(self._measurements), anchor)
+        ahead = velocity_ahead(self._states, t[-1], velocity_estimate, self._build.noise)
+        covariance = np.diag(self._first_deviations**2)
+        window = Window(self._states.at(t, ahead), seen_twice(self._measurements), covariance)
         while True:
             try:
-                return window.optimize(self._make, self._config)
+                return window.optimize(self._build)
             except RuntimeError as error:
                 if len(window.measurements) == 0:
                     return window.states
                 lost = named_landmark(error, window.measurements)
-                self.repairs += repairs_of(lost, "indeterminate: left out")
+                self.diagnostics += diagnostics_of(lost, "indeterminate: left out")
                 self._measurements = self._measurements[
                     ~np.isin(self._measurements.landmark, lost.landmark)
                 ]
                 window = replace(window, measurements=seen_twice(self._measurements))
 
-    def trajectory(self, start_ns: int) -> Trajectory | None:
-        """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
+    def trajectory(self, start_ns: int = 0) -> Trajectory | None:
+        """Return the trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
         if len(self._states) == 0:
             return None
         latest = self._knots_until(self._states.t[-1], self._measurements)
         knots = CovarianceKnots.joined([*self._knots, latest])
         states = States.concatenate([*self._final, self._states])
-        return Trajectory.of_states(states, knots, self._make.noise, start_ns)
+        return Trajectory.of_states(states, knots, self._build.noise, start_ns)
 
-    def settled(self, after: float) -> States:
-        """States later than `after` that will not change any more."""
+    def final_states(self, after: float = -np.inf) -> States:
+        """Return states later than `after`, seconds, that will not change any more."""
         return later_states(self._final, after)
 
     @property
-    def _anchor_deviations(self) -> Array:
+    def _first_deviations(self) -> Array:
         """(12,) of the pose, which is fixed, and of the twist, which the measurements tell."""
-        return start_deviations(self._make.noise)
+        return start_deviations(self._build.noise)
 
     def _add(self, stop: float, measurements: Measurements) -> None:
         known = Measurements.concatenate([self._measurements, measurements])
@@ -139,9 +172,9 @@ class SlidingWindow:
             stop,
             self._states,
             measurements,
-            self._make,
+            self._build,
             self._config.covariance_interval,
-            self._anchor_deviations,
+            self._first_deviations,
         )
 
 
@@ -150,7 +183,7 @@ def _knots_after(
     stop: float,
     states: States,
     measurements: Measurements,
-    make: FactorMaker,
+    build: GraphBuilder,
     interval: float,
     first_deviations: Array,
 ) -> CovarianceKnots:
@@ -172,7 +205,8 @@ def _knots_after(
         seen_twice(measurements[inside]),
         _start_covariance(known, first_deviations),
     )
-    return CovarianceKnots(t[: 1 + len(final)], window.joint_covariances(make, len(final)))
+    covariance = window.covariance(build, 1 + len(final))
+    return CovarianceKnots(t[: 1 + len(final)], pairs_of_neighbours(covariance))
 
 
 def _start_covariance(known: CovarianceKnots, first_deviations: Array) -> Array:

@@ -12,13 +12,13 @@ from gpvo.tracking.measurements import Measurements
 
 
 @dataclass(frozen=True)
-class Repair:
-    """One thing that was dropped or rebuilt.
+class Diagnostic:
+    """One thing that was left out or rebuilt.
 
     Attributes
     ----------
     key
-        The variable: l and the landmark's number, or x and the state's.
+        The variable: l and the landmark's number, or GTSAM's name of a state's.
     t
         Its time: of the measurement, or of the state; seconds.
     measurement
@@ -33,14 +33,14 @@ class Repair:
     reason: str
 
     def to_dict(self) -> dict[str, Any]:
-        """The fields by name, for JSON."""
+        """Return the fields by name, for JSON."""
         return asdict(self)
 
 
-def repairs_of(measurements: Measurements, reason: str) -> list[Repair]:
-    """A repair for each measurement that is left out."""
+def diagnostics_of(measurements: Measurements, reason: str) -> list[Diagnostic]:
+    """Return a diagnostic for each measurement that is left out."""
     return [
-        Repair(f"l{landmark}", t, (stereo[0], stereo[1], stereo[2]), reason)
+        Diagnostic(f"l{landmark}", t, (stereo[0], stereo[1], stereo[2]), reason)
         for landmark, t, stereo in zip(
             measurements.landmark.tolist(),
             measurements.t.tolist(),
@@ -50,27 +50,51 @@ def repairs_of(measurements: Measurements, reason: str) -> list[Repair]:
     ]
 
 
-def split_possible(measurements: Measurements, latest: float) -> tuple[Measurements, list[Repair]]:
-    """The measurements that can be true, and a repair for each other one.
+def checked_measurements(measurements: Measurements) -> Measurements:
+    """Return the measurements if their columns have the right types and lengths.
 
-    All numbers must be finite, the disparity positive, and no time beyond `latest`, seconds.
+    Raises
+    ------
+    ValueError
+        If landmarks are no integers, or columns differ in length.
+    """
+    if np.asarray(measurements.landmark).dtype.kind not in "iu":
+        kind = np.asarray(measurements.landmark).dtype
+        raise ValueError(f"measurements.landmark must be integers, not {kind}")
+    count = len(measurements.t)
+    shapes = {"landmark": (count,), "frame": (count,), "t": (count,), "stereo": (count, 3)}
+    for name, shape in shapes.items():
+        found = np.shape(getattr(measurements, name))
+        if found != shape:
+            raise ValueError(f"measurements.{name} must have the shape {shape}, not {found}")
+    return measurements
+
+
+def split_usable(
+    measurements: Measurements, earliest: float, latest: float
+) -> tuple[Measurements, list[Diagnostic]]:
+    """Return the measurements that can be used, and a diagnostic for each other one.
+
+    All numbers must be finite, the disparity positive, and times within [earliest, latest], s.
     """
     stereo, t = measurements.stereo, measurements.t
     reasons = {
         "not a finite number": ~np.isfinite(stereo).all(axis=1) | ~np.isfinite(t),
         "disparity is not positive": ~(stereo[:, 2] > 0),
         "time lies beyond the cluster's end": t > latest,
+        "time lies before the window": t < earliest,
     }
-    possible = np.ones(len(t), bool)
-    repairs: list[Repair] = []
+    usable = np.ones(len(t), bool)
+    diagnostics: list[Diagnostic] = []
     for reason, wrong in reasons.items():
-        repairs += repairs_of(measurements[wrong & possible], f"{reason}: measurement left out")
-        possible &= ~wrong
-    return measurements[possible], repairs
+        left_out = measurements[wrong & usable]
+        diagnostics += diagnostics_of(left_out, f"{reason}: measurement left out")
+        usable &= ~wrong
+    return measurements[usable], diagnostics
 
 
 def named_landmark(error: Exception, measurements: Measurements) -> Measurements:
-    """The measurements of the landmark that GTSAM's error names; all if it names none of them.
+    """Return the measurements of the landmark that GTSAM's error names; all if it names none.
 
     GTSAM writes the key as "l42" into the message of an indeterminate system.
     """

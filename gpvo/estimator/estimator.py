@@ -8,8 +8,7 @@ from typing import Protocol
 from factors import StereoCamera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.batch_window import SlidingWindow
-from gpvo.estimator.diagnostics import Repair
-from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
+from gpvo.estimator.diagnostics import Diagnostic
 from gpvo.estimator.smoother import FixedLagSmoother
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements
@@ -20,33 +19,35 @@ from gpvo.trajectory.trajectory import Trajectory
 class Estimator(Protocol):
     """Turns inlier measurements into states of a continuous trajectory.
 
-    What it had to leave out or rebuild is listed in `repairs`.
+    What it had to leave out or rebuild is listed in `diagnostics`.
     """
 
-    repairs: list[Repair]
+    diagnostics: list[Diagnostic]
 
     def update(
-        self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
+        self,
+        end_time: float,
+        measurements: Measurements,
+        velocity_estimate: VelocityFit | None = None,
     ) -> States:
-        """Take what cluster number `frame`, which ended at `stop` seconds, added.
+        """Take what a cluster added, which ended at `end_time`, seconds.
 
-        Returned are the states in the window as they are estimated now.
+        Returned are the states in the window as estimated now.
         """
         ...
 
-    def settled(self, after: float) -> States:
-        """States later than `after` seconds that will not change any more."""
+    def final_states(self, after: float = ...) -> States:
+        """Return states later than `after`, seconds, that will not change any more."""
         ...
 
-    def trajectory(self, start_ns: int) -> Trajectory | None:
-        """The trajectory so far; None before the first measurement."""
+    def trajectory(self, start_ns: int = ...) -> Trajectory | None:
+        """Return the trajectory so far; None before the first measurement."""
         ...
 
 
 def make_estimator(camera: StereoCamera, noise: NoiseConfig, config: EstimatorConfig) -> Estimator:
-    """The configured estimator."""
+    """Make the configured estimator."""
     methods: dict[str, Callable[[StereoCamera, NoiseConfig, EstimatorConfig], Estimator]] = {
-        "gauss_newton": GaussNewtonSmoother,
         "fixed_lag": FixedLagSmoother,
         "batch": SlidingWindow,
     }

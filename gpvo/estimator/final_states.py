@@ -17,18 +17,18 @@ from gpvo.trajectory.states import States
 Array = NDArray[np.float64]
 
 
-def joined(piece: States, end: States) -> States:
+def correct_final_states(piece: States, end: States) -> States:
     """States (K,), the first as it is and the last one moved to a state (1,) at the same time.
 
     Those between move by the correction's interpolation in the local variables around the first.
     """
     T, twist = piece.T_world_cam.copy(), piece.twist.copy()
-    _join_kernel(piece.t, T, twist, end.T_world_cam[0], end.twist[0])
+    _correct_kernel(piece.t, T, twist, end.T_world_cam[0], end.twist[0])
     return States(piece.t, T, twist)
 
 
 @kernel
-def _join_kernel(t: Array, T: Array, twist: Array, T_end: Array, twist_end: Array) -> None:
+def _correct_kernel(t: Array, T: Array, twist: Array, T_end: Array, twist_end: Array) -> None:
     last = len(t) - 1
     T_start = T[0].copy()
     correction = local_state_kernel(T_start, T_end, twist_end)

@@ -1,41 +1,37 @@
-"""Leaving out new measurements that are not where those before them predict them."""
+"""Leave out new measurements that are not where those before them predict them."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaincinv
 
-from gpvo.estimator.diagnostics import Repair, repairs_of
-from gpvo.estimator.gaussian import IndeterminateError
-from gpvo.estimator.graph_builder import state_times
-from gpvo.estimator.lag_window import BEYOND_GATE, LagWindow, Sensor
+from factors import StructurelessStereoFactor
+from gpvo.estimator.diagnostics import Diagnostic, diagnostics_of
+from gpvo.estimator.graph_update import NumberedStates
 from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
-INTERVAL = 0.02
-"""Seconds between the states that predict, at least."""
+BEYOND_GATE = "beyond the gate: measurement left out"
 
 
 def within_gate(
-    sensor: Sensor, states: States, covariance: Array, known: Measurements, new: Measurements
-) -> tuple[Measurements, list[Repair]]:
-    """The new measurements within the configured gate, and a repair for each other one.
+    known: StructurelessStereoFactor | None,
+    window: NumberedStates,
+    covariance: Array,
+    new: Measurements,
+    share: float,
+) -> tuple[Measurements, list[Diagnostic]]:
+    """Return the new measurements within the gate, and a diagnostic for each other one.
 
-    They are predicted from states, the first of which has this covariance (12, 12), and from the
-    known measurements alone, that is before they pull at the estimate. Measurements of landmarks
-    that are not known are within, and all are if the known ones do not determine the states.
+    The factor of the known measurements predicts them, given the states of the window and their
+    covariance (12 K, 12 K) before the new ones are used. Their squared Mahalanobis distance from
+    that is at most the quantile of `share` of the chi-squared distribution; measurements of
+    landmarks that are not known are within.
     """
-    if sensor.config.gate == 0 or len(known) == 0 or len(new) == 0:
+    if known is None:
         return new, []
-    t = state_times(np.append(states.t, new.t.max()), INTERVAL, states.t[0])
-    window = LagWindow.of_state(sensor, states[:1], covariance)
-    window = replace(window, states=states.at(np.append(states.t[0], t)))
-    try:
-        with np.errstate(all="ignore"):
-            inside = window.measured(known)[0].solved()[0].inside_gate(new)
-    except IndeterminateError:
-        return new, []
-    return new[inside], repairs_of(new[~inside], BEYOND_GATE)
+    t = np.clip(new.t, window.states.t[0], window.states.t[-1])
+    distance = known.squared_distances(window.values(), new.stereo, t, new.landmark, covariance)
+    inside = ~(distance > 2 * gammaincinv(1.5, share))
+    return new[inside], diagnostics_of(new[~inside], BEYOND_GATE)

@@ -1,17 +1,17 @@
-"""What one update adds to GTSAM's fixed-lag smoother and takes out of it, and how landmarks do."""
+"""What one update adds to GTSAM's fixed-lag smoother, and takes out of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
-from gpvo.tracking.measurements import Measurements
+from gpvo.estimator.isam2 import insert_states
 from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
@@ -29,9 +29,27 @@ class NumberedStates:
         """Number of each state."""
         return range(self.first, self.first + len(self.states))
 
+    def before(self, t: float) -> int:
+        """Return how many states are earlier than t."""
+        return int(np.searchsorted(self.states.t, t))
+
+    def after(self, count: int) -> NumberedStates:
+        """Return the states without the first `count`."""
+        return NumberedStates(self.first + count, self.states[count:])
+
+    def until(self, count: int) -> NumberedStates:
+        """Return the first `count` states."""
+        return NumberedStates(self.first, self.states[:count])
+
+    def values(self) -> gtsam.Values:
+        """Return the states as GTSAM's values."""
+        values = gtsam.Values()
+        insert_states(values, self.numbers, self.states)
+        return values
+
 
 @dataclass
-class Increment:
+class GraphUpdate:
     """New factors, variables and time stamps, which decide when a key leaves; and old factors."""
 
     graph: gtsam.NonlinearFactorGraph = field(default_factory=gtsam.NonlinearFactorGraph)
@@ -41,35 +59,13 @@ class Increment:
     removed: list[int] = field(default_factory=list)
 
     def add_factors(self, factors: Iterable[gtsam.NonlinearFactor]) -> None:
-        """Add factors, which Python keeps alive as callbacks are faster then."""
+        """Add factors. Python keeps them alive, as callbacks are faster then."""
         for factor in factors:
             self.graph.push_back(factor)
             self.factors.append(factor)
 
     def add_states(self, new: NumberedStates) -> None:
         """Add states to the variables."""
-        t, T_world_cam, twist = new.states.t, new.states.T_world_cam, new.states.twist
-        for k, state in enumerate(new.numbers):
-            self.values.insert(X(state), gtsam.Pose3(T_world_cam[k]))
-            self.values.insert(V(state), twist[k])
-            self.stamps[X(state)] = self.stamps[V(state)] = t[k]
-
-
-class Landmarks(Protocol):
-    """How landmarks enter the graph; `used` are the measurements in the window."""
-
-    used: Measurements
-
-    def add_to(
-        self, increment: Increment, window: NumberedStates, new: Measurements, leave_before: float
-    ) -> None:
-        """Add what new measurements tell; states before `leave_before` leave with this update."""
-        ...
-
-    def add_all_to(self, increment: Increment, window: NumberedStates) -> None:
-        """Add what all measurements in the window tell, to a smoother that is new."""
-        ...
-
-    def updated(self, estimate: gtsam.Values, states: States, added: Sequence[int]) -> None:
-        """The smoother's new estimate, and the indices of the factors that were added."""
-        ...
+        insert_states(self.values, new.numbers, new.states)
+        for state, t in zip(new.numbers, new.states.t.tolist(), strict=True):
+            self.stamps[X(state)] = self.stamps[V(state)] = t

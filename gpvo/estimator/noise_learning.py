@@ -14,12 +14,10 @@ from scipy.stats import chi2
 
 from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
-from gpvo.config.stages import NoiseConfig
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.errors import InputError
-from gpvo.estimator.landmarks import Landmarks
-from gpvo.estimator.marginal_prior import MarginalPrior
-from gpvo.estimator.robust import RobustLoss
-from gpvo.estimator.window_cost import Variables, WindowCost
+from gpvo.estimator.graph_builder import GraphBuilder
+from gpvo.estimator.graph_update import NumberedStates
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.states import States
 
@@ -83,18 +81,12 @@ def measurement_information(
     measurements = _often_measured(measurements, motion)
     if len(measurements) == 0:
         raise InputError("no landmark is measured three times during the ground truth")
-    T_world_cam, _ = motion.query(measurements.t)
-    landmarks = Landmarks.measured(measurements, T_world_cam, camera)
+    share = 1 - len(np.unique(measurements.landmark)) / len(measurements)
     information = np.array(NoiseConfig().measurement_information)
     for _ in range(iterations):
-        noise = NoiseConfig(measurement_information=tuple(information.tolist()))
-        cost = _cost(measurements, motion, camera, noise)
-        for _ in range(3):
-            landmarks = landmarks.moved(_landmark_steps(cost, Variables(motion, landmarks)))
-        white, _ = cost.errors(Variables(motion, landmarks))
-        error = white / np.sqrt(information)
-        weight = 1.0 * (np.sum(white**2, axis=1) < chi2.ppf(INLIERS, 3))
-        share = 1 - len(landmarks) / len(measurements)
+        error = _residuals(measurements, motion, camera, information)
+        square = error**2 @ information
+        weight = 1.0 * (square < chi2.ppf(INLIERS, 3))
         information = share * weight.sum() / np.sum(weight[:, None] * error**2, axis=0)
     return information
 
@@ -127,21 +119,13 @@ def _often_measured(measurements: Measurements, motion: States) -> Measurements:
     return measurements[np.argsort(measurements.t, kind="stable")]
 
 
-def _cost(
-    measurements: Measurements, motion: States, camera: StereoCamera, noise: NoiseConfig
-) -> WindowCost:
-    prior = MarginalPrior.of_state(motion.T_world_cam[0], motion.twist[0], np.eye(12))
-    return WindowCost(camera, noise, RobustLoss("cauchy", CAUCHY_SCALE), prior, measurements)
-
-
-def _landmark_steps(cost: WindowCost, variables: Variables) -> Array:
-    """(L, 3) Gauss-Newton steps of the landmarks, the states fixed."""
-    rows, _ = cost.stereo(variables)
-    weight = cost.loss.weight(np.sum(rows[..., -1] ** 2, axis=1))
-    J, e = rows[..., 24:27], rows[..., 27]
-    count = len(variables.landmarks)
-    H, g = np.zeros((count, 3, 3)), np.zeros((count, 3))
-    index = variables.landmarks.index(cost.measurements.landmark)
-    np.add.at(H, index, np.einsum("n,nri,nrj->nij", weight, J, J))
-    np.add.at(g, index, np.einsum("n,nri,nr->ni", weight, J, e))
-    return np.asarray(-np.linalg.solve(H, g[..., None])[..., 0], np.float64)
+def _residuals(
+    measurements: Measurements, motion: States, camera: StereoCamera, information: Array
+) -> Array:
+    """(N, 3) errors of the measurements from the landmarks that fit them best, pixels."""
+    noise = NoiseConfig(measurement_information=tuple(information.tolist()))
+    robust = EstimatorConfig(loss="cauchy", loss_scale=CAUCHY_SCALE, state_interval=1.0)
+    states = NumberedStates(0, motion)
+    build = GraphBuilder(camera, noise, robust)
+    factor = build.structureless(states.numbers, motion.t, measurements)
+    return factor.residuals(states.values())

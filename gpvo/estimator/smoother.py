@@ -1,34 +1,33 @@
-"""GTSAM's incremental fixed-lag smoother over the factors: what is old is marginalized."""
+"""GTSAM's incremental fixed-lag smoother, with a state at every measurement's own time."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
-from factors import StereoCamera
+from factors import StatesBetween, StereoCamera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.estimator.batch_graph import (
+from gpvo.estimator.blas_threads import one_blas_thread
+from gpvo.estimator.diagnostics import Diagnostic, checked_measurements, split_usable
+from gpvo.estimator.final_states import correct_final_states
+from gpvo.estimator.gate import within_gate
+from gpvo.estimator.graph_builder import GraphBuilder
+from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
+from gpvo.estimator.initialization import start_deviations, start_states, velocity_ahead
+from gpvo.estimator.isam2 import (
+    FAILURES,
     are_covariances,
     isam_parameters,
-    joint_covariances,
-    prior_covariances,
+    joint_covariance,
+    pairs_of_neighbours,
+    prior_covariance,
     states_of,
 )
-from gpvo.estimator.diagnostics import Repair, named_landmark, repairs_of, split_possible
-from gpvo.estimator.final_states import joined
-from gpvo.estimator.gate import within_gate
-from gpvo.estimator.graph_builder import SAME_TIME, FactorMaker, state_times
-from gpvo.estimator.graph_update import Increment, Landmarks, NumberedStates
-from gpvo.estimator.initialization import start_deviations, start_states, velocity_ahead
-from gpvo.estimator.lag_window import Sensor, new_times
-from gpvo.estimator.landmark_variables import LandmarkVariables
-from gpvo.estimator.robust import RobustLoss
-from gpvo.estimator.state_times import Lag
-from gpvo.estimator.structureless_landmarks import EliminatedLandmarks
+from gpvo.estimator.own_factors import OwnFactors, factors_that_leave
+from gpvo.estimator.state_times import SAME_TIME, Lag, key_interval, key_times, state_times
+from gpvo.estimator.window_landmarks import WindowLandmarks, merged_states
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.covariance_knots import CovarianceKnots
@@ -36,98 +35,113 @@ from gpvo.trajectory.states import States, later_states
 from gpvo.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-SOLVED_ANEW = "indeterminate: the window solved anew"
-FAILURES = (RuntimeError, IndexError, ValueError)
-"""What GTSAM raises if a system is singular or a variable missing."""
+SOLVED_AGAIN = "indeterminate: the window was solved again"
+LEFT_OUT = "indeterminate: all measurements in the window were left out"
 
 
 class FixedLagSmoother:
     """Estimates the states of the latest clusters by gtsam.IncrementalFixedLagSmoother.
 
-    State k has the keys X(k), a Pose3 T_world_cam, and V(k), its body twist; landmarks are
-    eliminated, or Point3s L(l). A measurement that comes late, at a time before the last state, is
-    interpolated between the states that are there. What is older than the lag is marginalized, and
-    its last estimate is final. No input makes `update` fail: what cannot be used is left out and
-    listed in `repairs`.
+    GTSAM's variables are key states: X(k), a Pose3 T_world_cam, and V(k), its body twist, at the
+    clusters' ends, and between these where the prior is loose. The states at the measurements' own
+    times and the landmarks are eliminated exactly in one factor of the key states, and the former
+    are given back. What is older than the lag is marginalised, and its last estimate is final. No
+    input makes `update` fail: what cannot be used is left out and listed in `diagnostics`.
 
-    >>> smoother = FixedLagSmoother(camera, NoiseConfig(), EstimatorConfig(state_interval=0.05))
-    >>> smoother.update(frame, stop, measurements, None)
+    >>> smoother = FixedLagSmoother(camera, NoiseConfig(), EstimatorConfig())
+    >>> smoother.update(end_time, measurements)
     >>> smoother.add(gtsam.GPSFactor(X(smoother.window[-1]), position, noise))
     """
 
-    def __init__(self, camera: StereoCamera, noise: NoiseConfig, config: EstimatorConfig) -> None:
-        self.repairs: list[Repair] = []
-        self._make = FactorMaker(camera, noise, RobustLoss(config.loss, config.loss_scale))
-        self._config = config
-        self._lag = Lag(config)
-        key_times = config.state_interval > 0
-        self._landmarks: Landmarks = LandmarkVariables(self._make)
-        if key_times and config.landmarks == "eliminated":
-            self._landmarks = EliminatedLandmarks(self._make, self._lag)
+    def __init__(
+        self,
+        camera: StereoCamera,
+        noise: NoiseConfig | None = None,
+        config: EstimatorConfig | None = None,
+    ) -> None:
+        self.diagnostics: list[Diagnostic] = []
+        self._config = config or EstimatorConfig()
+        self._build = GraphBuilder(camera, noise or NoiseConfig(), self._config)
+        self._lag = Lag(self._config)
+        self._landmarks = WindowLandmarks(self._build)
+        self._own = OwnFactors()
         self._final: list[States] = []
         self._knots: list[CovarianceKnots] = []
-        self._first, self._states, self._solved = 0, States(), 0
-        self._own: list[gtsam.NonlinearFactor] = []
-        self._new: list[gtsam.NonlinearFactor] = []
-        self._leave_before = -np.inf
+        self._first, self._keys = 0, States()
+        self._between: StatesBetween | None = None
+        self._states = States()
+        self._solved = 0
         # Callbacks are faster for factors that Python keeps alive, by the time of the update.
         self._factors: dict[float, list[gtsam.NonlinearFactor]] = {}
+        self._leave_before = -np.inf
         self._start_smoother()
 
     def update(
-        self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
+        self,
+        end_time: float,
+        measurements: Measurements,
+        velocity_estimate: VelocityFit | None = None,
     ) -> States:
-        """Take the inlier measurements that cluster number `frame`, which ended at `stop`, added.
+        """Take the inlier measurements that a cluster added, which ended at `end_time`, seconds.
 
-        Without any, the prior carries the estimate on to `stop`. Returned are the states in the
-        window as they are estimated now.
+        Without any, the prior carries the estimate on to its end. `velocity_estimate`, if given,
+        is where the new states start from. Returned are the states in the window as estimated now.
+
+        Raises
+        ------
+        ValueError
+            If a column of the measurements has another type or length.
         """
-        possible, repairs = split_possible(measurements, stop)
-        self.repairs += repairs
-        increment = Increment()
-        if len(self._states):
-            self._keep_covariances()
-        elif len(possible):
-            self._begin(increment, possible.t.min(), fit)
-        else:
-            return States()
-        self._lag.advance(stop)
-        self._extend_states(increment, possible.t, stop, fit)
-        accepted = self._accepted(possible)
-        self._landmarks.add_to(increment, self._window, accepted, self._leave_before)
-        self._add_own(increment)
-        self._solve(increment)
+        earliest = self._keys.t[0] if len(self._keys) else -np.inf
+        checked = checked_measurements(measurements)
+        usable, left_out = split_usable(checked, earliest, end_time)
+        self.diagnostics += left_out
+        update = GraphUpdate()
+        with one_blas_thread():
+            if len(self._keys):
+                self._keep_what_leaves()
+            elif len(usable):
+                self._begin(update, usable.t.min(), velocity_estimate)
+            else:
+                return States()
+            self._lag.advance(end_time)
+            self._extend(update, usable, end_time, velocity_estimate)
+            accepted = self._accepted(usable)
+            self.diagnostics += self._own.add_to(update, self._window)
+            self._solve(update, accepted)
         return self._states
+
+    def add(self, *factors: gtsam.NonlinearFactor) -> None:
+        """Add factors of your own between key states in the window, such as IMU, GPS, or odometry.
+
+        They are used from the next update on, and marginalised with the first of their states. One
+        that fails, or has a state that is not in the window by then, is left out and listed in
+        `diagnostics`.
+        """
+        self._own.new += factors
 
     @property
     def window(self) -> range:
-        """Numbers of the states in the window."""
+        """Numbers k of the key states X(k), V(k) in the window."""
         return self._window.numbers
 
     @property
     def window_times(self) -> Array:
-        """Times of the states in the window, seconds."""
-        return self._states.t
+        """Times of the key states in the window, seconds."""
+        return self._keys.t
 
-    def add(self, *factors: gtsam.NonlinearFactor) -> None:
-        """Add factors of your own between states in the window, such as IMU, GPS, or odometry.
-
-        They are used from the next update on, and marginalized with the first of their states. If
-        one of these is not in the window by then, the factor is left out and listed in `repairs`.
-        """
-        self._new += factors
-
-    def trajectory(self, start_ns: int) -> Trajectory | None:
-        """The trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
-        if len(self._states) == 0:
+    def trajectory(self, start_ns: int = 0) -> Trajectory | None:
+        """Return the trajectory so far, None if empty; start_ns is the absolute stamp of t = 0."""
+        if len(self._keys) == 0:
             return None
-        states = States.concatenate([*self._final, self._states])
-        now = self._knots_until(np.inf)
+        with one_blas_thread():
+            now = self._knots_until(np.inf)
         knots = CovarianceKnots.joined(CovarianceKnots.extended(self._knots, now))
-        return Trajectory.of_states(states, knots, self._make.noise, start_ns)
+        states = States.concatenate([*self._final, self._states])
+        return Trajectory.of_states(states, knots, self._build.noise, start_ns)
 
-    def settled(self, after: float) -> States:
-        """States later than `after` that will not change any more."""
+    def final_states(self, after: float = -np.inf) -> States:
+        """Return states later than `after`, seconds, that will not change any more."""
         return later_states(self._final, after)
 
     @property
@@ -138,167 +152,206 @@ class FixedLagSmoother:
 
     @property
     def _window(self) -> NumberedStates:
-        return NumberedStates(self._first, self._states)
+        return NumberedStates(self._first, self._keys)
 
     def _start_smoother(self) -> None:
         self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, isam_parameters())
         # While Python holds it, GTSAM does not copy all values for each factor written in Python.
         self._linearization_point = self._smoother.getLinearizationPoint()
 
-    def _begin(self, increment: Increment, t: float, fit: VelocityFit | None) -> None:
-        """The first state, whose pose defines the world."""
-        self._states = start_states(t, fit, self._make.noise)
-        increment.add_states(self._window)
-        increment.add_factors(self._anchor())
+    def _begin(self, update: GraphUpdate, t: float, velocity: VelocityFit | None) -> None:
+        """Make the first state, whose pose defines the world."""
+        self._keys = start_states(t, velocity, self._build.noise)
+        update.add_states(self._window)
+        update.add_factors(self._prior_on_first_state())
 
-    def _anchor(self) -> list[gtsam.NonlinearFactor]:
-        """Priors on the window's first state."""
-        T_world_cam, twist = self._states.T_world_cam[0], self._states.twist[0]
-        return self._make.anchor(self._first, T_world_cam, twist, self._first_covariance)
+    def _prior_on_first_state(self) -> list[gtsam.NonlinearFactor]:
+        T_world_cam, twist = self._keys.T_world_cam[0], self._keys.twist[0]
+        covariance = self._first_covariance
+        return self._build.prior_on_first_state(self._first, T_world_cam, twist, covariance)
 
     @property
     def _first_covariance(self) -> Array:
         """(12, 12) of the window's first state when it was solved last."""
-        return CovarianceKnots.last_covariance(self._knots, start_deviations(self._make.noise))
+        deviations = start_deviations(self._build.noise)
+        return CovarianceKnots.last_covariance(self._knots, deviations)
 
-    def _accepted(self, new: Measurements) -> Measurements:
-        """Without the measurements beyond the gate."""
-        sensor = Sensor(self._make.camera, self._make.noise, self._config)
-        start = self._knots[-1].t[-1] if self._knots else self._states.t[0]
-        states = self._states[int(np.searchsorted(self._states.t, start)) :]
-        known = self._landmarks.used
-        new, repairs = within_gate(sensor, states, self._first_covariance, known, new)
-        self.repairs += repairs
-        return new
-
-    def _add_own(self, increment: Increment) -> None:
-        """Add the factors of others; those of variables that are not in the window are left out."""
-        for factor in self._new:
-            keys = list(factor.keys())
-            present = [
-                self._linearization_point.exists(k) or increment.values.exists(k) for k in keys
-            ]
-            if not all(present):
-                missing = gtsam.DefaultKeyFormatter(keys[present.index(False)])
-                reason = "factor of others left out: not in the window"
-                self.repairs.append(Repair(missing, float(self._states.t[-1]), None, reason))
-            else:
-                self._own.append(factor)
-                increment.add_factors([factor])
-        self._new = []
-
-    def _keep_covariances(self) -> None:
-        """Of the states that leave with the next update, which the latest cluster made old."""
-        self._leave_before = min(self._lag.start, self._states.t[-1])
+    def _keep_what_leaves(self) -> None:
+        """Keep the covariances of the states that the latest cluster made old."""
+        self._leave_before = min(self._lag.start, self._keys.t[-1])
         knots = self._knots_until(self._leave_before)
         if len(knots.t):
             self._knots[-1:] = CovarianceKnots.extended(self._knots[-1:], knots)
 
-    def _extend_states(
-        self, increment: Increment, measured: Array, stop: float, fit: VelocityFit | None
+    def _extend(
+        self,
+        update: GraphUpdate,
+        measurements: Measurements,
+        end_time: float,
+        velocity: VelocityFit | None,
     ) -> None:
-        """States at the measured or the key times, or at the cluster's end if there are none."""
-        t_last, interval = self._states.t[-1], self._config.state_interval
-        if interval > 0:
-            t = new_times(t_last, measured, max(stop, t_last), interval)
-        else:
-            unique = state_times(measured, 0.0, t_last)
-            t = unique if len(unique) else state_times(np.array([stop]), 0.0, t_last)
+        """Add key states up to the cluster's end, and the WNOA priors between them."""
+        last, count = self._keys.t[-1], len(self._keys)
+        t = key_times(last, measurements.t, max(end_time, last), self._interval(measurements))
         if len(t) == 0:
             return
-        ahead = velocity_ahead(self._states, t[-1], fit, self._make.noise)
-        new, last = self._states.at(t, ahead), len(self._states) - 1
-        increment.add_states(NumberedStates(self._first + last + 1, new))
-        self._states = States.concatenate([self._states, new])
-        increment.add_factors(self._make.motion(self.window[last:], self._states.t[last:]))
+        ahead = velocity_ahead(self._keys, t[-1], velocity, self._build.noise)
+        new = self._keys.at(t, ahead)
+        self._keys = States.concatenate([self._keys, new])
+        update.add_states(self._window.after(count))
+        update.add_factors(self._build.motion(self.window[count - 1 :], self._keys.t[count - 1 :]))
 
-    def _solve(self, increment: Increment) -> None:
-        """Update the smoother; if that fails make it anew, without what is to blame.
+    def _interval(self, measurements: Measurements) -> float:
+        """Longest time between two key states, seconds."""
+        if self._config.state_interval > 0:
+            return self._config.state_interval
+        disparity = np.median(measurements.stereo[:, 2]) if len(measurements) else 1.0
+        return key_interval(self._build.noise, self._build.camera, float(disparity))
 
-        That may be factors of others, then the landmarks that GTSAM names, then all of them.
-        """
-        failure = self._failure(increment)
-        if failure is None:
-            return
-        state = Repair(f"x{self._first}", float(self._states.t[0]), None, SOLVED_ANEW)
-        self.repairs.append(state)
-        failure = self._failure(self._window_anew())
-        if failure is not None and self._own:
-            self.repairs.append(replace(state, reason="indeterminate: factors of others left out"))
-            self._own.clear()
-            failure = self._failure(self._window_anew())
-        while failure is not None and len(self._landmarks.used):
-            used = self._landmarks.used
-            lost = named_landmark(failure, used)
-            self.repairs += repairs_of(lost, "indeterminate: left out, the window solved anew")
-            self._landmarks.used = used[~np.isin(used.landmark, lost.landmark)]
-            failure = self._failure(self._window_anew())
+    def _accepted(self, new: Measurements) -> Measurements:
+        """Return the measurements within the gate."""
+        if self._config.gate == 0 or len(self._landmarks.measurements) == 0 or len(new) == 0:
+            return new
+        covariance = self._predicted_covariance()
+        known = self._landmarks.factor_of(self._window)
+        new, left_out = within_gate(known, self._window, covariance, new, self._config.gate)
+        self.diagnostics += left_out
+        return new
+
+    def _predicted_covariance(self) -> Array:
+        """(12 K, 12 K) of all key states, the new ones as the prior predicts them."""
+        solved, t = self._solved, self._keys.t
+        covariance = np.zeros((12 * len(t), 12 * len(t)))
+        known = self._covariance()
+        ahead = prior_covariance(known[-12:, -12:], t[solved - 1 :], self._build.qc.tolist())
+        gain = np.linalg.solve(known[-12:, -12:], known[-12:]).T
+        old, new = slice(0, 12 * solved), slice(12 * solved, None)
+        covariance[old, old], covariance[new, new] = known, ahead[12:, 12:]
+        covariance[old, new] = gain @ ahead[:12, 12:]
+        covariance[new, old] = covariance[old, new].T
+        return covariance
+
+    def _solve(self, update: GraphUpdate, accepted: Measurements) -> None:
+        """Update the smoother with new measurements; if that fails make it again."""
+        failure = self._add_measurements(update, accepted) or self._failure(update)
         if failure is not None:
-            self._states = self._states[:1].at(self._states.t)
-            self._failure(self._window_anew())
+            self._report(f"{SOLVED_AGAIN} ({failure})")
+            self._solve_again()
 
-    def _failure(self, increment: Increment) -> Exception | None:
-        """Update the smoother; what went wrong if that fails."""
+    def _add_measurements(self, update: GraphUpdate, new: Measurements) -> Exception | None:
+        """Add new measurements, marginalise those that leave; return what went wrong if it does."""
+        leaving = self._window.before(self._leave_before - SAME_TIME)
+        in_graph = self._smoother.getFactors()
+        others = factors_that_leave(in_graph, update, self._window, leaving, self._landmarks.index)
         try:
-            self._update(increment)
+            self._landmarks.add_to(update, self._window, new, leaving, others)
         except FAILURES as error:
             return error
         return None
 
-    def _update(self, increment: Increment) -> None:
+    def _solve_again(self) -> None:
+        """Make a smoother of the window: as it is, then without own factors, then without all."""
+        self.diagnostics += self._own.drop_failing(self._window)
+        if self._failure(self._window_again()) is None:
+            return
+        if self._own.active:
+            self._report("indeterminate: factors of your own were left out")
+            self._own.active.clear()
+            if self._failure(self._window_again()) is None:
+                return
+        if self._failure(self._window_again(forget=True)) is None:
+            return
+        self._report(LEFT_OUT)
+        self._landmarks.clear()
+        self._keys = self._keys[:1].at(self._keys.t)
+        self._failure(self._window_again())
+
+    def _report(self, reason: str) -> None:
+        key = gtsam.DefaultKeyFormatter(X(self._first))
+        self.diagnostics.append(Diagnostic(key, float(self._keys.t[0]), None, reason))
+
+    def _failure(self, update: GraphUpdate) -> Exception | None:
+        """Update the smoother; return what went wrong if that fails."""
+        try:
+            self._update(update)
+        except FAILURES as error:
+            return error
+        return None
+
+    def _update(self, update: GraphUpdate) -> None:
         """Update the smoother, and take over its estimate of the states in the window."""
-        newest = float(self._states.t[-1])
+        newest = float(self._keys.t[-1])
         active = {t: kept for t, kept in self._factors.items() if t >= self._leave_before}
-        self._factors = active | {newest: active.get(newest, []) + increment.factors}
+        self._factors = active | {newest: active.get(newest, []) + update.factors}
         self._smoother.setSmootherLag(newest - self._leave_before + SAME_TIME)
-        self._smoother.update(
-            increment.graph, increment.values, increment.stamps, increment.removed
-        )
+        self._smoother.update(update.graph, update.values, update.stamps, update.removed)
         estimate = self._smoother.calculateEstimate()
         left = next(n for n, k in enumerate(self.window) if estimate.exists(X(k)))
-        states = states_of(estimate, self.window[left:], self._states.t[left:])
-        added = self._smoother.getISAM2Result().getNewFactorsIndices()
-        self._landmarks.updated(estimate, states, added)
-        self._let_go(left, states)
+        keys = states_of(estimate, self.window[left:], self._keys.t[left:])
+        self._landmarks.updated(self._smoother.getISAM2Result().getNewFactorsIndices())
+        self._let_go(left, keys)
 
     def _let_go(self, count: int, newest: States) -> None:
-        """The first states are final; the others are now where the newest estimate has them."""
+        """Make the states before the first `count` key states final, and move on the others."""
         if count:
-            self._final.append(joined(self._states[: count + 1], newest[:1])[:-1])
+            last = int(np.searchsorted(self._states.t, self._keys.t[count])) + 1
+            self._final.append(correct_final_states(self._states[:last], newest[:1])[:-1])
         self._first += count
-        self._states, self._solved = newest, len(newest)
-        inside = {key(k) for k in self.window for key in (X, V)}
-        self._own = [factor for factor in self._own if inside.issuperset(factor.keys())]
+        self._keys, self._solved = newest, len(newest)
+        self._between = self._landmarks.states_between(self._window)
+        self._states = merged_states(newest, self._between)
+        self._own.keep({key(k) for k in self.window for key in (X, V)})
 
-    def _window_anew(self) -> Increment:
-        """Everything in the window, for a smoother that knows nothing yet."""
-        old = int(np.sum(self._states.t < self._leave_before - SAME_TIME))
-        self._let_go(old, self._states[old:])
+    def _window_again(self, forget: bool = False) -> GraphUpdate:
+        """Return everything in the window, for a new smoother."""
+        leaving = self._window.before(self._leave_before - SAME_TIME)
+        if leaving:
+            last = int(np.searchsorted(self._states.t, self._keys.t[leaving]))
+            self._final.append(self._states[:last])
+            self._states = self._states[last:]
+            self._first, self._keys = self._first + leaving, self._keys[leaving:]
         self._start_smoother()
-        increment, t = Increment(), self._states.t
-        increment.add_factors([*self._anchor(), *self._make.motion(self.window, t), *self._own])
-        increment.add_states(self._window)
-        self._landmarks.add_all_to(increment, self._window)
-        return increment
+        update, t = GraphUpdate(), self._keys.t
+        motion = self._build.motion(self.window, t)
+        update.add_factors([*self._prior_on_first_state(), *motion, *self._own.active])
+        update.add_states(self._window)
+        self._landmarks.add_all_to(update, self._window, forget)
+        return update
 
     def _knots_until(self, stop: float) -> CovarianceKnots:
-        """The next knots, up to the first state that does not leave before `stop`."""
-        start = self._knots[-1].t[-1] if self._knots else self._states.t[0]
-        solved = self._states.t[: self._solved]
+        """Return the next knots, up to the first key state that does not leave before `stop`."""
+        start = self._knots[-1].t[-1] if self._knots else self._keys.t[0]
+        solved = self._keys.t[: self._solved]
         end = solved[min(int(np.searchsorted(solved, stop - SAME_TIME)), len(solved) - 1)]
-        inside = solved[(solved > start) & (solved <= end)]
-        times = np.append(start, state_times(inside, self._config.covariance_interval, start))
-        numbers = self._first + np.searchsorted(self._states.t, times)
-        joint = self._joint_covariances(numbers)
-        return CovarianceKnots(times, joint) if len(joint) else CovarianceKnots()
+        t = self._states.t[(self._states.t > start) & (self._states.t <= end)]
+        between = state_times(t, self._config.covariance_interval, start)
+        keys = solved[(solved > start) & (solved <= end)]
+        times = np.unique(np.concatenate([[start], between, keys]))
+        if len(times) < 2:
+            return CovarianceKnots()
+        return CovarianceKnots(times, self._joint_covariances(times))
 
-    def _joint_covariances(self, numbers: NDArray[np.int64]) -> Array:
-        """(n - 1, 24, 24) of states of these numbers; the prior's alone if GTSAM has none."""
-        try:
-            joint = joint_covariances(self._smoother.getISAM2(), numbers.tolist())
-        except FAILURES:
-            joint = np.full((len(numbers) - 1, 24, 24), np.nan)
+    def _joint_covariances(self, t: Array) -> Array:
+        """(n - 1, 24, 24) of states at times (n,), of each and the next."""
+        if self._between is None:
+            of_keys = np.searchsorted(self._keys.t, t)
+            columns = (12 * of_keys[:, None] + np.arange(12)).ravel()
+            joint = pairs_of_neighbours(self._covariance()[np.ix_(columns, columns)])
+        else:
+            joint = self._between.joint_covariances(t, self._covariance())
         if are_covariances(joint):
             return joint
-        t, noise = self._states.t[numbers - self._first], self._make.noise
-        return prior_covariances(self._first_covariance, t, noise.acceleration_psd)
+        alone = prior_covariance(self._first_covariance, t, self._build.qc.tolist())
+        return pairs_of_neighbours(alone)
+
+    def _covariance(self) -> Array:
+        """(12 K, 12 K) of the key states that were solved; the prior's alone if GTSAM has none."""
+        numbers = self.window[: self._solved]
+        try:
+            covariance = joint_covariance(self._smoother.getISAM2(), numbers)
+            if np.isfinite(covariance).all():
+                return covariance
+        except FAILURES:
+            pass
+        t = self._keys.t[: self._solved]
+        return prior_covariance(self._first_covariance, t, self._build.qc.tolist())

@@ -1,12 +1,68 @@
-"""How long states stay in the window."""
+"""When states are: at measurements, at key times, and how long they stay in the window."""
 
 from __future__ import annotations
 
 from collections import deque
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gpvo.config.stages import EstimatorConfig
+from factors import StereoCamera
+from gpvo.config.stages import EstimatorConfig, NoiseConfig
+
+Array = NDArray[np.float64]
+SAME_TIME = 5e-7
+"""Seconds; times nearer than this, half the resolution of event stamps, are one state."""
+STIFFNESS = 0.1
+"""Standard deviation of a state half-way between two key states, given both, in an image: as a
+share of that of a measurement. Beyond it the motion between would be linearised too far away."""
+
+
+def state_times(t: Array, interval: float, after: float = -np.inf) -> Array:
+    """Return increasing times of states: those of t (N,) that are `interval` or more apart.
+
+    Only times beyond `after` are taken, by as much, and always the latest; times nearer than
+    `SAME_TIME` are one.
+    """
+    kept: list[float] = []
+    increasing = np.unique(t).tolist()
+    for time in increasing:
+        if time - after > max(interval, SAME_TIME):
+            kept.append(time)
+            after = time
+        elif time == increasing[-1] and time - after > SAME_TIME:
+            kept.append(time)
+    return np.array(kept)
+
+
+def key_times(last: float, measured: Array, stop: float, interval: float) -> Array:
+    """Return times of states after the last one up to `stop`, an interval or less apart.
+
+    In a gap before the first measurement there is none except at its end.
+    """
+    if stop - last <= SAME_TIME:
+        return np.empty(0)
+    later = measured[measured > last]
+    start = min(float(later.min()) if len(later) else stop, stop)
+    times = [last]
+    if start - last > interval:
+        times.append(start)
+    if stop - times[-1] > SAME_TIME:
+        count = int(np.ceil((stop - times[-1]) / interval - 1e-6))
+        times += np.linspace(times[-1], stop, max(count, 1) + 1)[1:].tolist()
+    return np.array(times[1:])
+
+
+def key_interval(noise: NoiseConfig, camera: StereoCamera, disparity: float) -> float:
+    """Return the longest time between key states, seconds.
+
+    Half-way between two states dt apart, the prior's variance is Q_c dt^3 / 192. Seen in the image
+    of a landmark with this disparity, its root is at most `STIFFNESS` of the measurement's.
+    """
+    qc, information = np.array(noise.acceleration_psd), np.array(noise.measurement_information)
+    pixels_per_metre = disparity / camera.baseline
+    density = camera.fx**2 * qc[:3].max() + pixels_per_metre**2 * qc[3:].max()
+    return float(np.cbrt(192 * STIFFNESS**2 / (density * information[:2].max())))
 
 
 class Lag:
@@ -15,18 +71,10 @@ class Lag:
     def __init__(self, config: EstimatorConfig) -> None:
         self._seconds = config.lag
         self._ends: deque[float] = deque(maxlen=config.window)
-        self.position = 0.0
-        """How far the window has moved so far, in lengths of its own."""
 
     def advance(self, stop: float) -> None:
-        """A cluster has ended at `stop`, or none later than the last one."""
-        previous = self.stop
+        """Let a cluster end at `stop`, or none later than the last one."""
         self._ends.append(max([stop, *self._ends]))
-        step = self.stop - previous
-        if np.isfinite(step) and self._seconds is not None:
-            self.position += step / (self._seconds + step)
-        elif np.isfinite(step):
-            self.position += 1 / float(self._ends.maxlen or 1)
 
     @property
     def stop(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
 from synthetic import CAMERA, TWIST, constant_velocity, tracklets
 
 from factors import wnoa_information
@@ -11,7 +12,6 @@ from factors.lie import se3_inverse, se3_log
 from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.estimator import FixedLagSmoother
 from gpvo.estimator.batch_window import SlidingWindow
-from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
 from gpvo.tracking import Measurements
 from gpvo.trajectory import Trajectory
 

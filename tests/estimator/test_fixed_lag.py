@@ -8,6 +8,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from gpvo.estimator.structureless_landmarks import GOLDEN
 from gtsam.symbol_shorthand import V, X
 from synthetic import CAMERA, TWIST, constant_velocity, tracklets
 from test_estimators import NOTHING, PERIOD
@@ -19,7 +20,6 @@ from gpvo.estimator import FixedLagSmoother
 from gpvo.estimator.batch_graph import Window
 from gpvo.estimator.graph_builder import FactorMaker
 from gpvo.estimator.graph_update import Increment
-from gpvo.estimator.structureless_landmarks import GOLDEN
 from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
 from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.tracking import Measurements, seen_twice

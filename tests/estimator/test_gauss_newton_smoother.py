@@ -7,6 +7,13 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
+from gpvo.estimator.gaussian import IndeterminateError, Quadratic
+from gpvo.estimator.lag_window import LagWindow, Sensor, new_times
+from gpvo.estimator.marginal_prior import MarginalPrior
+from gpvo.estimator.robust import RobustLoss
+from gpvo.estimator.unique_times import bridge_covariance
+from gpvo.estimator.window_cost import Columns, Variables, WindowCost
 from gtsam.symbol_shorthand import L, V, X
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,13 +24,6 @@ from test_robustness import behind_the_camera, outliers, run
 from factors import InterpolatedStereoFactor, WnoaPriorFactor, wnoa_covariance
 from factors.lie import se3_inverse, se3_log
 from gpvo.config import EstimatorConfig, NoiseConfig
-from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
-from gpvo.estimator.gaussian import IndeterminateError, Quadratic
-from gpvo.estimator.lag_window import LagWindow, Sensor, new_times
-from gpvo.estimator.marginal_prior import MarginalPrior
-from gpvo.estimator.robust import RobustLoss
-from gpvo.estimator.unique_times import bridge_covariance
-from gpvo.estimator.window_cost import Columns, Variables, WindowCost
 from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
 from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.tracking import Measurements

@@ -8,6 +8,7 @@ from typing import Any
 import gtsam
 import numpy as np
 import pytest
+from factors.structureless.multi_landmark_kernels import root_kernel
 from graphs import CAMERA, NOISE, QC, derivative, random_states, seeds, state
 from gtsam.symbol_shorthand import L, V, X
 from hypothesis import assume, given, settings
@@ -24,7 +25,6 @@ from factors import (
     optimize,
 )
 from factors.lie import se3_adjoint, se3_exp, se3_inverse
-from factors.structureless.multi_landmark_kernels import root_kernel
 
 Array = NDArray[np.float64]
 Measured = tuple[Array, Array, NDArray[np.int64]]
