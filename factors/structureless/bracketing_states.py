@@ -51,7 +51,7 @@ class BracketingStates:
         first = np.minimum(np.searchsorted(t_states, t, side="right"), len(t_states) - 1) - 1
         self.a, self.b = t - t_states[first], t_states[first + 1] - t
         used = np.arange(len(states)) if every else np.union1d(first, first + 1)
-        self.states = [states[i] for i in used]
+        self.states = [states[i] for i in used.tolist()]
         self.t = t_states[used]
         self.first = np.searchsorted(used, first).astype(np.int64)
 

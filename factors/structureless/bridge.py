@@ -65,7 +65,7 @@ class Bridge:
         if self.rank == 0:
             return cross
         flat = np.linalg.solve(self._root, cross.reshape(-1, self.rank).T).T
-        return flat.reshape(2, len(times), self.rank)
+        return np.asarray(flat.reshape(2, len(times), self.rank), np.float64)
 
     def deviations(self, times: Array, u: Array) -> Array:
         """(n, 12) deviations of (xi, w) at any times (n,), per root of Q_c, of u (6, r)."""

@@ -110,8 +110,9 @@ class JointSystem:
     def shared_given_states(self) -> tuple[Array, Array]:
         """Root L (S, S), lower, of the information on u and s, and L⁻¹ H_(us),(x, error)."""
         part = self.of_shared
-        root = np.linalg.cholesky(self.information[part, part])
-        return root, np.linalg.solve(root, self.information[part][:, self.of_states])
+        root = np.asarray(np.linalg.cholesky(self.information[part, part]), np.float64)
+        right = np.linalg.solve(root, self.information[part][:, self.of_states])
+        return root, np.asarray(right, np.float64)
 
     def on_states(self) -> tuple[Array, Array]:
         """Information (12 m + 1, 12 m + 1) on the states and the error alone, and its scale."""
@@ -168,10 +169,10 @@ def _add_squares(found: Rows, latent: Index, H: Array) -> None:
         J[:, :, :24], J[:, :, -1] = rows[:, :, :24], rows[:, :, 30]
         by_u = rows[:, :, 24:30, None] * bridge.gains[:, None, None, :]
         J[:, :, 24:-1] = by_u.reshape(len(rows), 3, width)
-        J = J.reshape(-1, 25 + width)
+        flat = J.reshape(-1, 25 + width)
         own = [12 * i + np.arange(24), latent[i] + np.arange(width), [last]]
         columns = np.concatenate(own)
-        H[columns[:, None], columns] += J.T @ J
+        H[columns[:, None], columns] += flat.T @ flat
     if len(found.prior):
         columns = np.concatenate([np.arange(12), np.arange(latent[-1], last + 1)])
         P = found.prior.reshape(-1, found.prior.shape[2])

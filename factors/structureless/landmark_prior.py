@@ -45,8 +45,16 @@ class LandmarkPrior:
     @staticmethod
     def none() -> LandmarkPrior:
         """Prior of no landmark."""
-        per_landmark = (np.empty((0, *shape)) for shape in ((3,), (3, 3), (3, 12), (3, 0), (3,)))
-        return LandmarkPrior(np.empty(0, np.int64), *per_landmark, np.eye(4), np.zeros(6))
+        return LandmarkPrior(
+            np.empty(0, np.int64),
+            np.empty((0, 3)),
+            np.empty((0, 3, 3)),
+            np.empty((0, 3, 12)),
+            np.empty((0, 3, 0)),
+            np.empty((0, 3)),
+            np.eye(4),
+            np.zeros(6),
+        )
 
     def __len__(self) -> int:
         return len(self.number)

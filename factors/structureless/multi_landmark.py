@@ -10,7 +10,7 @@ eliminated, too (`Bridge`), and with a prior the landmarks know what earlier mea
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
@@ -306,7 +306,7 @@ class LandmarkWindow:
         """(12 m + 1,) zeros except the last: half its square is the cost."""
         error = np.zeros(self.size)
         fit = self.fit(T_states, v_states)
-        square = 2 * self.landmarks.loss.total(fit.distances)
+        square: Any = 2 * self.landmarks.loss.total(fit.distances)
         if self.qc_root is not None or len(self.prior):
             found = self.linearized(T_states, v_states).root[:, -1]
             square += found @ found - fit.weights @ fit.distances**2
@@ -351,7 +351,7 @@ def _checked_landmarks(landmarks: ArrayLike, count: int) -> Index:
     """(count,) integers."""
     number = np.asarray(landmarks)
     if number.dtype.kind not in "iu" or number.shape not in ((), (count,)):
-        raise ValueError(f"landmarks must be one integer or {count}, not {landmarks}")
+        raise ValueError(f"landmarks must be one integer or {count}, not {number}")
     return np.broadcast_to(number, (count,)).astype(np.int64)
 
 

@@ -100,17 +100,16 @@ class StatesBetween:
         M = by_local @ by_states
         M[:, :6, :6] += by_pose_i
         bridge, u = self._bridges[i], slice(self._latent[i], self._latent[i + 1])
-        weights = np.einsum("hnr,q->nhqr", bridge.weights(t - self.t_states[i]), np.ones(6))
-        weights = weights * self._qc_root[:, None]
-        N = np.zeros((len(t), 2, 6, 6, bridge.rank))
+        weights = self._qc_root[:, None] * bridge.weights(t - self.t_states[i])[:, :, None]
+        by_u = np.zeros((len(t), 2, 6, 6, bridge.rank))
         for q in range(6):
-            N[:, :, q, q] = weights[:, :, q]
-        N = by_local @ N.reshape(len(t), 12, 6 * bridge.rank)
-        # Of all states: those around the interval, and all others by way of u.
-        N = N.reshape(12 * len(t), 6 * bridge.rank)
+            by_u[:, :, q, q] = weights[:, :, q].transpose(1, 0, 2)
+        N = (by_local @ by_u.reshape(len(t), 12, 6 * bridge.rank)).reshape(
+            12 * len(t), 6 * bridge.rank
+        )
+        # With respect to all states: those around the interval, and all others by way of u.
         on_states = N @ self._by_states[u]
         on_states[:, 12 * i : 12 * i + 24] += M.reshape(-1, 24)
-
         total = on_states @ covariance @ on_states.T + N @ self._covariance[u, u] @ N.T
         left = bridge.left(t - self.t_states[i])
         rest = np.einsum("hkmn,q,qp->mhqnkp", left, self._qc_root**2, np.eye(6))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -56,7 +57,7 @@ class GraphBuilder:
         if self.config.loss == "none":
             return gaussian
         estimators = gtsam.noiseModel.mEstimator
-        losses = {
+        losses: dict[str, Any] = {
             "huber": estimators.Huber,
             "cauchy": estimators.Cauchy,
             "geman_mcclure": estimators.GemanMcClure,
