@@ -62,7 +62,7 @@ class Comparison:
     costs: dict[str, Cost] = field(default_factory=dict)
 
     def tables(self) -> list[ResultTable]:
-        """Return the paper's Tables I and II, the table of ATE and RPE, and that of the cost."""
+        """Return the paper's Tables I and II, ATE and RPE, and the cost."""
         rows = [*map(ErrorRow.of, self.evaluations), *self.published]
         tables = [
             global_error_table(rows, self.sequence),

@@ -58,7 +58,7 @@ class Truth:
         return np.einsum("nij,nj->ni", T_world_cam[:, :3, :3], local) + T_world_cam[:, :3, 3]
 
     def projection(self, points: Array, t: Array, camera: StereoCamera) -> Array:
-        """Project world points (N, 3) at times (N,) into the cameras; NaN behind them."""
+        """Return projections (N, 3) of world points (N, 3) at times (N,); NaN behind the camera."""
         T_world_cam = self.pose(t)
         local = np.einsum("nji,nj->ni", T_world_cam[:, :3, :3], points - T_world_cam[:, :3, 3])
         local[local[:, 2] <= 0] = np.nan
