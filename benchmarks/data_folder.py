@@ -1,4 +1,4 @@
-"""Find a data set's files in the folder that the user has, or say what to put where."""
+"""Search for a data set's files in the user's folder, with advice if they are missing."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gpvo.errors import InputError
 
 
 def find_file(data: Path, names: Sequence[str], advice: str, elsewhere: Path | None = None) -> Path:
-    """The first of some names, found anywhere below the folder.
+    """Find the first of some names anywhere below the folder.
 
     Parameters
     ----------
@@ -18,9 +18,9 @@ def find_file(data: Path, names: Sequence[str], advice: str, elsewhere: Path | N
     names
         Names or relative paths, the best one first.
     advice
-        What to put where, for the error.
+        Where to put which file, for the error message.
     elsewhere
-        A folder that may hold them as well.
+        A second folder to search.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def find_file(data: Path, names: Sequence[str], advice: str, elsewhere: Path | N
 
 
 def find_trajectories(folder: Path | None, sequence: str) -> dict[str, Path]:
-    """Competitors' trajectories by name: the files of folders whose name ends in the sequence's.
+    """Find competitors' trajectories by name, in folders whose name ends with the sequence's.
 
     Raises
     ------

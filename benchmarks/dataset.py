@@ -1,4 +1,4 @@
-"""Run the odometry on sequences of a data set and compare it with others: what they share."""
+"""Common part of the benchmarks that compare the odometry with others on a data set."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class DatasetSequence:
     Attributes
     ----------
     name
-        As the data set calls it.
+        Name of the sequence in the data set.
     recording, calibration, ground_truth
-        What the user has.
+        Files of the user.
     span_ns
         Absolute first and last stamp to process, or None for all.
     published
-        Rows of others for the paper's tables.
+        Published rows of other systems, for the paper's tables.
     """
 
     name: str
@@ -51,14 +51,14 @@ class DatasetSequence:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Our run on a sequence and how it compares."""
+    """Our run on a sequence, and its comparison with others."""
 
     comparison: Comparison
     run: Run
 
 
 def arguments(description: str, sequences: Sequence[str]) -> argparse.ArgumentParser:
-    """The options of every data set's benchmark."""
+    """Return a parser of the options that the benchmarks of all data sets share."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--data", type=Path, required=True, help="folder with the data set")
     parser.add_argument("--sequences", nargs="+", default=list(sequences), metavar="NAME")
@@ -77,7 +77,7 @@ def run_benchmark(
     protocol: Protocol,
     console: Console,
 ) -> list[Outcome]:
-    """Run, print and, if asked, write all sequences."""
+    """Run all sequences, print the comparisons, and write them if --output is given."""
     configuration = configuration_of(options)
     if options.output is not None:
         make_folder(options.output)
@@ -92,7 +92,7 @@ def run_benchmark(
 
 
 def configuration_of(options: argparse.Namespace) -> Configuration:
-    """The configuration that --config and --seed name."""
+    """Return the configuration of the options --config and --seed."""
     configuration = load_configuration(options.config) if options.config else Configuration()
     if options.seed is None:
         return configuration
@@ -105,7 +105,7 @@ def run_sequence(
     trajectories: Path | None,
     protocol: Protocol,
 ) -> Outcome:
-    """Estimate, and compare with the ground truth at the first competitor's states."""
+    """Estimate the motion and compare it with the truth at the first competitor's states."""
     recording = open_recording(sequence.recording, sequence.calibration)
     span = seconds_of(sequence.span_ns, recording)
     beside = [sequence.calibration] if sequence.calibration else []
@@ -121,7 +121,7 @@ def run_sequence(
 
 
 def seconds_of(span_ns: tuple[int, int] | None, recording: Recording) -> tuple[float, float]:
-    """Start and duration, in seconds of the recording, of an absolute span."""
+    """Convert an absolute span to its start and duration in the recording, seconds."""
     if span_ns is None:
         return 0.0, recording.duration
     first, last = ((stamp - recording.start_ns) * 1e-9 for stamp in span_ns)
@@ -147,7 +147,7 @@ def write_outcomes(folder: Path, outcomes: Sequence[Outcome]) -> None:
 
 
 def exit_with(main: Callable[[], object]) -> None:
-    """Run a benchmark's main; bad input is one line on stderr and exit status 2."""
+    """Run a benchmark's main; bad input gives one line on stderr and exit status 2."""
     try:
         main()
     except InputError as error:

@@ -1,4 +1,4 @@
-"""DSEC's drives against the published errors of ESVO and ESVIO_AA, and trajectories if given.
+"""Compare with published errors of ESVO and ESVIO_AA, and given trajectories, on DSEC's drives.
 
 python -m benchmarks.dsec --data DIR [--sequences zurich_city_04_a] [--trajectories DIR]
     [--output DIR]
@@ -20,16 +20,16 @@ from gpvo.evaluation.report.paper_tables import best_marked, metres
 from gpvo.evaluation.report.table import Cell, ResultTable, to_rich
 
 PROTOCOL = Protocol(align_body="rotation")
-"""Others' trajectories are of another rectification; truths that they publish are of the lidar."""
+"""Trajectories of others have another rectification, and their ground truth is the lidar's."""
 
 
 def find_sequence(data: Path, trajectories: Path | None, name: str) -> DatasetSequence:
-    """Files of a sequence in the user's folders.
+    """Find the files of a sequence in the user's folders.
 
     Raises
     ------
     InputError
-        If the sequence is unknown, or saying which file to put where.
+        If the sequence is unknown or a file is missing; the message says where to put it.
     """
     if name not in DSEC_ATE:
         raise InputError(f"--sequences {name}: known are {', '.join(DSEC_ATE)}")
@@ -56,7 +56,7 @@ def find_sequence(data: Path, trajectories: Path | None, name: str) -> DatasetSe
 
 
 def ate_table(outcomes: Sequence[Outcome]) -> ResultTable:
-    """Our absolute trajectory error beside the published ones."""
+    """Return a table of our absolute trajectory error beside the published ones."""
     rows = []
     for outcome in outcomes:
         name = outcome.comparison.sequence
@@ -69,7 +69,7 @@ def ate_table(outcomes: Sequence[Outcome]) -> ResultTable:
 def main(
     arguments_given: Sequence[str] | None = None, console: Console | None = None
 ) -> list[Outcome]:
-    """Parse the options and run."""
+    """Parse the options and run the benchmark."""
     description = (__doc__ or "").partition("\n")[0]
     options = arguments(description, ["zurich_city_04_a"]).parse_args(arguments_given)
     console = console or Console()

@@ -1,8 +1,8 @@
-"""Front ends compared on recordings with known motion: every default against its alternatives.
+"""Compare front ends on recordings with known motion: every default with its alternatives.
 
 Run as `python -m benchmarks.front_end`; `--recording FILE --calibration FILE --ground-truth FILE`
-adds a recording of yours to the simulated ones. A table for every recording, then how each front
-end compares with the default over all of them.
+adds a recording of yours to the simulated ones. It prints a table for every recording, then one of
+each front end relative to the default over all recordings.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ SIMULATIONS = {
 
 @dataclass(frozen=True)
 class Quality:
-    """What a front end achieves on one recording; the numbers are those of `gpvo inspect`."""
+    """Quality of a front end on one recording, with the numbers of `gpvo inspect`."""
 
     true_inliers: float  # in the median cluster
     precision: float  # of MC-RANSAC
@@ -109,7 +109,7 @@ RELATIVE_FORMATS = ("{:.2e}", "{:.2%}", "{:.2f}")
 
 
 def quality(known: KnownRecording, configuration: Configuration) -> Quality:
-    """Inspect a front end, and see where the default estimator gets with it."""
+    """Inspect a front end and measure the errors of the default estimator with it."""
     part = (known.start, known.duration)
     began = time.process_time()
     summary = summarize(inspect(known.recording, known.truth, configuration, *part))
@@ -130,7 +130,7 @@ def quality(known: KnownRecording, configuration: Configuration) -> Quality:
 
 
 def trajectory_errors(known: KnownRecording, configuration: Configuration) -> tuple[float, float]:
-    """RMS relative error, and final error as a share of the path; NaN where tracking failed."""
+    """Compute RMS relative error and final error per path length; NaN if tracking failed."""
     try:
         odometry = Odometry(known.recording.rig, configuration)
         trajectory = odometry.run(known.recording, known.start, known.duration)
@@ -144,12 +144,12 @@ def trajectory_errors(known: KnownRecording, configuration: Configuration) -> tu
 
 
 def configuration_of(name: str) -> Configuration:
-    """That of a front end, with states at intervals as fits the cost of a benchmark."""
+    """Return the configuration of a front end, with states at intervals for a cheap benchmark."""
     return Configuration.model_validate({**BY_NAME[name], "estimator": {"state_interval": 0.025}})
 
 
 def recording_table(name: str, results: Mapping[str, Quality]) -> Table:
-    """Front ends on one recording."""
+    """Return a table of the front ends on one recording."""
     table = Table("", "front end", *HEADINGS, "s/s", title=name)
     formats = FORMATS + RELATIVE_FORMATS
     for group, label in _rows(results):
@@ -163,7 +163,7 @@ def recording_table(name: str, results: Mapping[str, Quality]) -> Table:
 
 
 def summary_table(results: Sequence[Mapping[str, Quality]]) -> Table:
-    """Front ends over the default: geometric means over the recordings of what counts."""
+    """Return a table of ratios to the default: geometric means over the recordings."""
     title = f"times the default's, over {len(results)} recordings"
     table = Table("", "front end", "inliers", "px", "ω, v", "rel.", "final", "s/s", title=title)
     for group, label in _rows(results[0]):
@@ -176,7 +176,7 @@ def summary_table(results: Sequence[Mapping[str, Quality]]) -> Table:
 
 
 def _ratio(field: str, label: str, results: Sequence[Mapping[str, Quality]]) -> float:
-    """Geometric mean of a front end's number over the default's, where both are known."""
+    """Compute the geometric mean of a front end's number over the default's, where known."""
     numbers = np.array([[getattr(r[name], field) for name in (label, DEFAULT)] for r in results])
     known = (np.isfinite(numbers) & (numbers > 0)).all(axis=1)
     if not known.any():
@@ -185,7 +185,7 @@ def _ratio(field: str, label: str, results: Sequence[Mapping[str, Quality]]) -> 
 
 
 def _rows(results: Mapping[str, Quality]) -> list[tuple[str, str]]:
-    """Group (for the first of it) and name of the front ends that have results."""
+    """Return group (for its first member) and name of the front ends that have results."""
     rows = []
     for group, members in FRONT_ENDS.items():
         present = [name for name in members if name in results]
@@ -194,13 +194,13 @@ def _rows(results: Mapping[str, Quality]) -> list[tuple[str, str]]:
 
 
 def _is_last(label: str, results: Mapping[str, Quality]) -> bool:
-    """Whether a front end is the last of its group."""
+    """Return whether a front end is the last of its group."""
     members = next(group for group in FRONT_ENDS.values() if label in group)
     return [name for name in members if name in results][-1] == label
 
 
 def main() -> None:
-    """Print a table for every recording, and one over all."""
+    """Print a table for every recording, and one over all recordings."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "--front-ends", nargs="+", choices=BY_NAME, default=list(BY_NAME), metavar="NAME"
@@ -210,7 +210,7 @@ def main() -> None:
     console, results = Console(), []
     names = [DEFAULT, *(name for name in options.front_ends if name != DEFAULT)]
     for known in known_recordings(options, SIMULATIONS):
-        quality(known, configuration_of(DEFAULT))  # compiles, so that no cost holds it
+        quality(known, configuration_of(DEFAULT))  # compiles, so that no cost includes it
         results.append({name: quality(known, configuration_of(name)) for name in names})
         console.print(recording_table(known.name, results[-1]))
     console.print(summary_table(results))

@@ -1,8 +1,8 @@
 """Damage small files of every format at random, many times: `python -m benchmarks.fuzz_recordings`.
 
-Prints, per format and kind of damage, how often the reading was whole, told of what it lost, lost
-something that its format cannot show (`untold`: a changed pixel without a checksum), or gave one
-error; and the longest time that one file took. Anything else ends the run with a traceback.
+It prints, by format and kind of damage, how often reading was complete (`whole`), reported its
+losses (`told`), lost something that the format cannot show (`untold`: a changed pixel without a
+checksum), or raised one error, and the longest time for one file. Any other exception ends the run.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def main() -> None:
 
 
 def fuzz(folder: Path, count: int, seed: int) -> list[list[str]]:
-    """One row for each format and damage."""
+    """Return one row of counts for each format and damage."""
     calibration = folder / "calibration.yaml"
     calibration.write_text(yaml.safe_dump(camchain()))
     rows = []

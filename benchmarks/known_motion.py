@@ -1,4 +1,4 @@
-"""Recordings whose motion is known: simulated ones, and one of a file."""
+"""Recordings whose motion is known: simulated ones, and one from a file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 from gpvo.trajectory import StampedPoses
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "recordings"
-"""Where a recording stands beside the repository, if at all."""
+"""Folder beside the repository with a recording; it may be missing."""
 ROOM = SHARED / "room1_indoor1_data.hdf5"
 ROOM_CALIBRATION = SHARED / "camchain-imucam-indoor_flying.yaml"
 ROOM_TRUTH = SHARED / "room1_indoor1_gt.hdf5"
@@ -24,7 +24,7 @@ ROOM_TRUTH = SHARED / "room1_indoor1_gt.hdf5"
 
 @dataclass(frozen=True, eq=False)
 class KnownRecording:
-    """A part of a recording, from `start` for `duration` seconds, and what truly happened."""
+    """A part of a recording, from `start` for `duration` seconds, and its ground truth."""
 
     name: str
     recording: Recording
@@ -35,14 +35,14 @@ class KnownRecording:
 
     @staticmethod
     def simulated(name: str, recording: SimulatedRecording) -> KnownRecording:
-        """The whole of a simulated recording."""
+        """Return the whole of a simulated recording."""
         truth = truth_of_simulation(recording)
         duration = recording.duration
         return KnownRecording(name, recording, recording.ground_truth, truth, 0.0, duration)
 
 
 def parse_options(parser: argparse.ArgumentParser) -> argparse.Namespace:
-    """Arguments of the command line, those of a recording in a file among them."""
+    """Parse the command line, with the options of a recording in a file."""
     parser.add_argument("--recording", type=Path, help="a recording of yours")
     parser.add_argument("--calibration", type=Path)
     parser.add_argument("--ground-truth", type=Path)
@@ -57,7 +57,7 @@ def parse_options(parser: argparse.ArgumentParser) -> argparse.Namespace:
 def known_recordings(
     options: argparse.Namespace, simulations: Mapping[str, SimulationConfig]
 ) -> Iterator[KnownRecording]:
-    """The recording of a file, or the one beside the repository, and the simulated ones."""
+    """Yield the given recording, or the one beside the repository, then the simulated ones."""
     if options.recording is not None:
         yield _of_file(options, options.recording, options.calibration, options.ground_truth)
     elif ROOM.exists():

@@ -1,6 +1,7 @@
-"""MC-RANSAC: its speed against plain numpy, and what it finds against RANSAC with common times.
+"""Speed of MC-RANSAC against plain numpy, and its inliers against RANSAC with common times.
 
-Run as `python -m benchmarks.mc_ransac`. Times are processor time of one thread, least of several.
+Run as `python -m benchmarks.mc_ransac`. Times are processor times of one thread, the shortest of
+several runs.
 """
 
 from __future__ import annotations
@@ -41,11 +42,11 @@ class Case:
     noise
         Standard deviation of every coordinate of a measurement, pixels.
     outliers
-        Share of segments whose later end is anywhere within 40 pixels.
+        Fraction of segments whose later end is moved by up to 40 pixels in u and v.
     turn
         Angular speed, rad/s; the linear speed is 0.5 m/s.
     spread
-        How much the durations of segments differ, as a share of the 0.1 s between clusters.
+        Largest deviation of the segments' durations, as a fraction of the 0.1 s between clusters.
     """
 
     noise: float = 0.3
@@ -54,7 +55,7 @@ class Case:
     spread: float = 0.3
 
     def segments(self, count: int, seed: int) -> tuple[Segments, Mask]:
-        """Random segments, and which are no outliers."""
+        """Draw random segments, and return which are inliers."""
         rng = np.random.default_rng(seed)
         points = rng.uniform([-1.5, -1, 1.5], [1.5, 1, 5], (count, 3))
         dt = 0.1 * (1 + self.spread * rng.uniform(-1, 1, count))
@@ -77,7 +78,7 @@ def _direction(rng: np.random.Generator) -> Array:
 def numpy_fast_mc_ransac(
     segments: Segments, camera: StereoCamera, config: McRansacConfig, rng: np.random.Generator
 ) -> Array:
-    """The fast version as its formulas say, to compare with: one sample after the other."""
+    """Compute the fast version's velocity (6,) in plain numpy, one sample after the other."""
     points = camera.triangulate(segments.earlier)
     displacements = camera.triangulate(segments.later) - points
     tolerance = inlier_tolerance(segments, config)
@@ -106,7 +107,7 @@ def numpy_fast_mc_ransac(
 def frame_based_inliers(
     segments: Segments, config: McRansacConfig, camera: StereoCamera = CAMERA
 ) -> Mask:
-    """Inliers of one transform between two common times: OpenCV's RANSAC on stereo points."""
+    """Find inliers of one transform between two common times by OpenCV's RANSAC, from 3D points."""
     points = camera.triangulate(segments.earlier)
     K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
     cv2.setRNGSeed(0)
@@ -127,7 +128,7 @@ def frame_based_inliers(
 
 
 def continuous_inliers(segments: Segments, config: McRansacConfig) -> Mask:
-    """Inliers of MC-RANSAC."""
+    """Find the inliers of MC-RANSAC."""
     fit = mc_ransac(segments, CAMERA, INFORMATION, config, np.random.default_rng(0))
     return np.zeros(len(segments), bool) if fit is None else fit.inliers
 
@@ -135,7 +136,7 @@ def continuous_inliers(segments: Segments, config: McRansacConfig) -> Mask:
 def precision_and_recall(
     case: Case, method: Callable[[Segments, McRansacConfig], Mask], config: McRansacConfig
 ) -> tuple[float, float]:
-    """Pooled over clusters of 120 tracklets."""
+    """Compute precision and recall, pooled over clusters of 120 tracklets."""
     right = accepted = good = 0
     for seed in range(SEEDS):
         segments, true = case.segments(120, seed)
@@ -146,7 +147,7 @@ def precision_and_recall(
 
 
 def speed_table() -> Table:
-    """Milliseconds for 300 tracklets."""
+    """Measure milliseconds for 300 tracklets."""
     table = Table("outliers", "10 000 samples", "adaptive", "adaptive, refined", "numpy, 10 000")
     for outliers in (0.0, 0.3, 0.5):
         segments, _ = Case(outliers=outliers).segments(300, 0)
@@ -179,7 +180,7 @@ def _milliseconds(call: Callable[[], object], repetitions: int = 7) -> float:
 
 
 def quality_table() -> Table:
-    """Precision and recall as one condition after the other gets harder."""
+    """Measure precision and recall while one condition at a time varies."""
     base, ours = Case(), McRansacConfig()
     table = Table("condition", "MC-RANSAC", "refined once", "paper's rule", "frame-based (OpenCV)")
     cases = {"as it is": base}
@@ -199,7 +200,7 @@ def quality_table() -> Table:
 
 
 def replace_fields(config: McRansacConfig, **fields: float) -> McRansacConfig:
-    """The configuration with other values."""
+    """Return the configuration with other values."""
     return config.model_copy(update=fields)
 
 

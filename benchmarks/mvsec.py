@@ -1,4 +1,4 @@
-"""MVSEC's indoor flights against the paper's GPCT and ESVO, and others' trajectories if given.
+"""Compare with the paper's GPCT and ESVO, and given trajectories, on MVSEC's indoor flights.
 
 python -m benchmarks.mvsec --data DIR [--sequences indoor_flying1 indoor_flying3]
     [--trajectories DIR] [--output DIR]
@@ -23,18 +23,20 @@ SPANS_NS: dict[str, tuple[int, int]] = {
     "indoor_flying1": (1_504_645_187_579_542_725, 1_504_645_213_410_580_373),
     "indoor_flying3": (1_504_645_453_280_441_489, 1_504_645_478_231_352_071),
 }
-"""The flights without take-off and landing, as in the comparison of ESVO with ESVO2: first and last
-stamp of the trajectories that ESVO2's authors published. The paper names no range for ESVO; its
-percentages belong to shorter paths, of 8.4 m and 6.0 m."""
+"""First and last stamp of the flights without take-off and landing, nanoseconds.
+
+They are those of the trajectories that ESVO2's authors published for their comparison with ESVO.
+The paper gives no range for ESVO; its percentages refer to shorter paths, of 8.4 m and 6.0 m.
+"""
 
 
 def find_sequence(data: Path, name: str) -> DatasetSequence:
-    """Files of a sequence in the user's folder.
+    """Find the files of a sequence in the user's folder.
 
     Raises
     ------
     InputError
-        If the sequence is unknown, or saying which file to put where.
+        If the sequence is unknown or a file is missing; the message says where to put it.
     """
     if name not in SPANS_NS:
         raise InputError(f"--sequences {name}: known are {', '.join(SPANS_NS)}")
@@ -56,7 +58,7 @@ def find_sequence(data: Path, name: str) -> DatasetSequence:
 def main(
     arguments_given: Sequence[str] | None = None, console: Console | None = None
 ) -> list[Outcome]:
-    """Parse the options and run."""
+    """Parse the options and run the benchmark."""
     description = (__doc__ or "").partition("\n")[0]
     options = arguments(description, list(SPANS_NS)).parse_args(arguments_given)
     sequences = [find_sequence(options.data, name) for name in options.sequences]

@@ -1,4 +1,4 @@
-"""Numbers that others published, to stand beside ours.
+"""Published results of other systems, to compare with ours.
 
 Source: J. Wang and J. D. Gammell, "Event-Based Stereo Visual Odometry With Native Temporal
 Resolution via Continuous-Time Gaussian Process Regression", RA-L 2023, Tables I and II. GPCT is
@@ -23,7 +23,7 @@ def _row(
     global_error: tuple[GlobalNumbers, GlobalNumbers, GlobalNumbers],
     relative_error: tuple[RelativeNumbers, RelativeNumbers, RelativeNumbers],
 ) -> ErrorRow:
-    """Translation, rotation, SE(3) of max, max %, final %, RMS, std and of 1000 (max, RMS, std)."""
+    """Make a row from (max, max %, final %, RMS, std) and 1000 (max, RMS, std) by component."""
     globals_ = (PaperStatistics(*numbers) for numbers in global_error)
     relatives = (
         PaperStatistics(1e-3 * largest, nan, nan, 1e-3 * rms, 1e-3 * std)

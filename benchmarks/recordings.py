@@ -1,11 +1,11 @@
 """Speed and memory of the readers: `python -m benchmarks.recordings`.
 
-Simulated noise is written in every format; each is read to the end by `event_batches()` and by the
-libraries that users have, side by side in one run. Times are CPU seconds of this process, the
-best of three, so that other work on the machine counts little; ratios are what to look at.
+Noise is written in every format, and read to the end by `event_batches()` and by other libraries in
+the same run. Times are CPU seconds of this process, the best of three, so that other load on the
+machine has little influence. The ratios are more reliable than the times.
 
-`--bag-size 5` writes a ROS 1 bag of so many GB and prints the peak resident memory of a fresh
-process that reads it.
+`--bag-size 5` writes a ROS 1 bag of 5 GB and prints the peak resident memory of a new process that
+reads it.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ NAMES = {
     "aedat4": "a.aedat4",
 }
 DESERIALISED_SECONDS = 1.0
-"""Seconds of recording that rosbags makes objects of; all of it would take minutes."""
+"""Part of the recording that rosbags deserialises, seconds; all of it would take minutes."""
 
 
 def batches_of_noise(
     seconds: float, rate: float, seed: int = 0
 ) -> Iterator[tuple[EventBlock, EventBlock]]:
-    """Random events of both cameras, `rate` per second and camera."""
+    """Yield batches of random events of both cameras, `rate` events per second and camera."""
     rng = np.random.default_rng(seed)
     count = int(rate * BATCH_NS / 1e9)
     for number in range(round(seconds * 1e9 / BATCH_NS)):
@@ -67,20 +67,20 @@ def write(kind: str, path: Path, seconds: float, rate: float) -> None:
 
 
 def write_plain_mvsec(path: Path, packed: Path) -> None:
-    """MVSEC's own files are not compressed, copies of them, as ours, often by gzip."""
+    """Write MVSEC without compression, like its own files; copies such as ours often use gzip."""
     with h5py.File(packed) as source, h5py.File(path, "w") as file:
         for name in (f"davis/{side}/events" for side in ("left", "right")):
             file.create_dataset(name, data=source[name][:])
 
 
 def ours(path: Path) -> int:
-    """Read all batches; the number of events."""
+    """Read all batches and return the number of events."""
     recording = open_recording(path, UNKNOWN_RIG)
     return sum(len(batch.left) + len(batch.right) for batch in recording.event_batches())
 
 
 def rosbags_objects(path: Path) -> int:
-    """rosbags' own deserialisation, of the first second."""
+    """Deserialise the first second with rosbags and return the number of events."""
     from rosbags.highlevel import AnyReader
 
     stop = START_NS + int(DESERIALISED_SECONDS * 1e9)
@@ -92,21 +92,21 @@ def rosbags_objects(path: Path) -> int:
 
 
 def h5py_columns(path: Path) -> int:
-    """h5py alone, without any check of what it reads."""
+    """Read with h5py alone, without any check, and return the number of events."""
     with h5py.File(path) as file:
         tables = [file[f"davis/{side}/events"] for side in ("left", "right")]
         return sum(table[:, column].size for table in tables for column in range(4)) // 4
 
 
 def evlib_both(left: Path, right: Path) -> int:
-    """evlib, which reads one camera at a time."""
+    """Read with evlib, one camera at a time, and return the number of events."""
     import evlib
 
     return sum(evlib.load_events(str(path)).collect().height for path in (left, right))
 
 
 def dv_processing(path: Path) -> int:
-    """dv-processing, batches as numpy arrays."""
+    """Read with dv-processing, batches as numpy arrays, and return the number of events."""
     import dv_processing as dv
 
     recording = dv.io.StereoCameraRecording(str(path), "left", "right")
@@ -118,7 +118,7 @@ def dv_processing(path: Path) -> int:
 
 
 def speed(read: Callable[[], int]) -> tuple[float, float] | None:
-    """Million events per CPU second and per second, the best of three; None if not installed."""
+    """Measure million events per CPU second and second, best of three; None if not installed."""
     best = [0.0, 0.0]
     for _ in range(3):
         cpu, wall = time.process_time(), time.perf_counter()
@@ -132,7 +132,7 @@ def speed(read: Callable[[], int]) -> tuple[float, float] | None:
 
 
 def speeds(folder: Path, seconds: float, rate: float) -> Table:
-    """All readers side by side."""
+    """Return a table of the speed of all readers."""
     for kind, name in NAMES.items():
         write(kind, folder / name, seconds, rate)
     plain, gzip = folder / "plain.hdf5", folder / NAMES["mvsec"]
@@ -162,13 +162,13 @@ def speeds(folder: Path, seconds: float, rate: float) -> Table:
 
 
 def peak_memory(bag: Path) -> str:
-    """Peak resident memory of a process that reads a recording, and its speed."""
+    """Measure the peak resident memory and speed of a process that reads a recording."""
     command = [sys.executable, "-m", "benchmarks.recordings", "--read", str(bag)]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def read_and_report(path: Path) -> None:
-    """Read a recording and print what it took."""
+    """Read a recording and print time and memory."""
     began, cpu = time.perf_counter(), time.process_time()
     count = ours(path)
     spent, used = time.perf_counter() - began, time.process_time() - cpu

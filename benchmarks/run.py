@@ -1,4 +1,4 @@
-"""Run the odometry once and count what it costs."""
+"""One run of the odometry, and its cost."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from gpvo.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A trajectory and what it cost."""
+    """A trajectory and its cost."""
 
     trajectory: Trajectory
     cost: Cost
 
     @property
     def poses(self) -> ContinuousPoses:
-        """The trajectory, to be compared."""
+        """Poses of the trajectory, for comparisons."""
         return ContinuousPoses.of(self.trajectory)
 
 
@@ -33,12 +33,12 @@ def run_odometry(
     start: float = 0.0,
     duration: float = np.inf,
 ) -> Run:
-    """Estimate the motion from `start` for `duration` seconds; reading the events counts too.
+    """Estimate the motion from `start` for `duration` seconds; the cost includes reading.
 
     Raises
     ------
     InputError
-        As `Odometry.run` does.
+        See `Odometry.run`.
     """
     meter = CostMeter()
     odometry = Odometry(recording.rig, configuration, meter.stage)

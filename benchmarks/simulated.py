@@ -40,7 +40,7 @@ STEP = 0.01
 """Seconds between the poses that are compared."""
 
 SHORTEST_PATH = 0.1
-"""Metres; percentages of shorter paths mean nothing."""
+"""Shortest path, metres, of which percentages are meaningful."""
 
 
 def run_case(case: Case, seed: int, configuration: Configuration) -> CaseResult:
@@ -69,7 +69,7 @@ def run_case(case: Case, seed: int, configuration: Configuration) -> CaseResult:
 
 @contextmanager
 def workers(jobs: int, scheduler: str | None) -> Iterator[Executor]:
-    """Processes of this machine, or the workers of a Dask cluster.
+    """Yield an executor: processes of this machine, or the workers of a Dask cluster.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Executor]:
 
 
 def dask_client(scheduler: str) -> AbstractContextManager:
-    """Client of a Dask scheduler."""
+    """Connect to a Dask scheduler."""
     try:
         from distributed import Client
     except ImportError as error:
@@ -103,7 +103,7 @@ def run_suite(
     executor: Executor,
     console: Console,
 ) -> list[CaseResult]:
-    """Run every case with every seed; results in that order, whoever is done first."""
+    """Run every case with every seed; the results are in this order."""
     tasks = [(case, seed, configuration) for case in cases for seed in seeds]
     futures = [executor.submit(run_case, *task) for task in tasks]
     results = []
@@ -114,7 +114,7 @@ def run_suite(
 
 
 def arguments() -> argparse.ArgumentParser:
-    """The options."""
+    """Return a parser of the options."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="some of the suite")
     parser.add_argument("--seeds", type=int, default=3, help="runs of each case")
@@ -129,7 +129,7 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def chosen(suite: Sequence[Case], names: Sequence[str] | None) -> list[Case]:
-    """The named cases, or all."""
+    """Return the named cases, or all."""
     known = {case.name: case for case in suite}
     unknown = [name for name in names or () if name not in known]
     if unknown:
@@ -142,7 +142,7 @@ def main(
     console: Console | None = None,
     suite: Sequence[Case] | None = None,
 ) -> list[CaseResult]:
-    """Parse the options, run the suite, print and write."""
+    """Parse the options, run the suite, print and write the results."""
     options, console = arguments().parse_args(arguments_given), console or Console()
     if options.seeds < 1 or options.jobs < 1:
         raise InputError("--seeds and --jobs: give 1 or more")

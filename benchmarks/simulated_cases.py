@@ -1,4 +1,4 @@
-"""The fixed suite of simulated recordings: what each of them makes hard."""
+"""The fixed suite of simulated recordings, each with a difficulty of its own."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ from gpvo.simulation.motion import Motion
 from gpvo.trajectory import StampedPoses
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared" / "reference"
-"""Where real ground truth stands beside the repository, if at all."""
+"""Folder beside the repository with real ground truth; it may be missing."""
 
 FLIGHTS = {
     "real_flight1": ("mvsec_indoor_flying1", 12.0),
     "real_flight3": ("mvsec_indoor_flying3", 14.0),
 }
-"""Folder of the ground truth and the second that the case starts at."""
+"""Folder of the ground truth, and start of the case in seconds."""
 
 FLIGHT_STEP = 0.1
-"""Seconds between the poses that a real flight is splined through."""
+"""Seconds between the poses of a real flight that the spline passes through."""
 
 AHEAD = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
-"""T_world_first of a first camera that is level, in a world with z up."""
+"""T_world_first of a level first camera, in a world with z up."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A kind of recording; the seed of the config is that of the run."""
+    """A kind of recording; the run's seed replaces that of the config."""
 
     name: str
     config: SimulationConfig
     flight: StampedPoses | None = None
 
     def recording(self, seed: int) -> SimulatedRecording:
-        """The recording of one seed; a real flight stays, room and sensor noise change."""
+        """Simulate the recording of one seed; a real flight stays, room and sensor noise change."""
         config = self.config.model_copy(update={"seed": seed})
         motion = None if self.flight is None else Motion.through(self.flight)
         return simulate(config, motion=motion)
 
     def shorter(self, duration: float) -> Case:
-        """The case for at most so many seconds."""
+        """Return the case with at most `duration` seconds."""
         if not duration > 0.0:
             raise InputError(f"--duration {duration:g}: give a positive number of seconds")
         shorter = min(duration, self.config.duration)
@@ -73,7 +73,7 @@ CASES = (
 
 
 def all_cases(reference: Path = REFERENCE) -> tuple[Case, ...]:
-    """The suite, with real flights where their ground truth is present."""
+    """Return the suite, with real flights if their ground truth is present."""
     flights = (
         Case(name, SimulationConfig(), real_flight(reference / folder, start))
         for name, (folder, start) in FLIGHTS.items()
@@ -83,7 +83,7 @@ def all_cases(reference: Path = REFERENCE) -> tuple[Case, ...]:
 
 
 def real_flight(folder: Path, start: float) -> StampedPoses:
-    """A piece of a real flight, from a level first camera at the world's origin."""
+    """Read a part of a real flight, from a level first camera at the world's origin."""
     truth = load_poses(folder / "stamped_groundtruth.txt")
     duration = SimulationConfig().duration
     seconds = np.arange(start, start + duration + 2.5 * FLIGHT_STEP, FLIGHT_STEP)

@@ -1,4 +1,4 @@
-"""The suite's results as a plot: every seed a point, every mean a line."""
+"""Plot of the suite's results: every seed is a point, every mean a line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SHOWN = ("rms_m", "rms_deg", "relative", "real_time")
 
 
 def suite_figure(results: Sequence[CaseResult], earlier: Sequence[CaseResult] = ()) -> Figure:
-    """Errors and speed by case, beside an earlier run's if given."""
+    """Draw errors and speed by case, beside those of an earlier run if given."""
     cases = names(results)
     metrics = [metric for metric in METRICS if metric.field in SHOWN]
     figure = new_figure(max(4.0, 1.5 + 0.9 * len(cases)), 2.0 * len(metrics))

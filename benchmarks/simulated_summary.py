@@ -1,4 +1,4 @@
-"""Results of many runs: mean and spread, as a file that later runs are compared with."""
+"""Summary of many runs: mean and spread, and a file to compare later runs with."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ RELEVANT = 0.05
 
 @dataclass(frozen=True)
 class CaseResult:
-    """One run of one case; nan where nothing was estimated or the number means nothing.
+    """Result of one run of one case; NaN where there is no estimate or no meaningful number.
 
     Attributes
     ----------
     case, seed
-        What was run.
+        Case and seed of the run.
     final_percent
         Final translation error as a percentage of the path.
     rms_m, rms_deg
@@ -33,13 +33,13 @@ class CaseResult:
     relative
         RMS SE(3) error of steps of 0.01 s.
     covered
-        Part of the recording that has a trajectory, 0 to 1.
+        Fraction of the recording that has a trajectory, 0 to 1.
     real_time
         Seconds of the recording processed in a second.
     cost
-        What it cost, by stage.
+        Cost of the run, by stage.
     failure
-        Why there is no trajectory; empty if there is one.
+        Reason why there is no trajectory; empty if there is one.
     """
 
     case: str
@@ -54,14 +54,14 @@ class CaseResult:
     failure: str = ""
 
     def line(self) -> str:
-        """The result in one line."""
+        """Format the result in one line."""
         errors = f"{1e3 * self.rms_m:.1f} mm and {self.rms_deg:.2f}° RMS"
         speed = f"{self.real_time:.2f} x real time"
         return f"{self.case}, seed {self.seed}: {self.failure or f'{errors}, {speed}'}"
 
 
 class Metric(NamedTuple):
-    """A column: the field of `CaseResult`, heading, factor and decimals, which way is better."""
+    """A column: field of `CaseResult`, heading, factor, decimals, and which way is better."""
 
     field: str
     heading: str
@@ -81,18 +81,18 @@ METRICS = (
 
 
 def values(results: Sequence[CaseResult], case: str, metric: Metric) -> dict[int, float]:
-    """Finite numbers of a case by seed."""
+    """Return the finite numbers of a case by seed."""
     pairs = ((one.seed, getattr(one, metric.field)) for one in results if one.case == case)
     return {seed: value for seed, value in pairs if np.isfinite(value)}
 
 
 def names(results: Sequence[CaseResult]) -> list[str]:
-    """The cases, each once, in order."""
+    """Return the names of the cases, each once, in order."""
     return list(dict.fromkeys(one.case for one in results))
 
 
 def summary_table(results: Sequence[CaseResult]) -> ResultTable:
-    """Mean and standard deviation over the seeds, one row per case."""
+    """Return a table of mean and standard deviation over the seeds, one row per case."""
     seeds = len({one.seed for one in results})
     rows = [
         (Cell(case), *(Cell(spread_text(values(results, case, one), one)) for one in METRICS))
@@ -107,7 +107,7 @@ def summary_table(results: Sequence[CaseResult]) -> ResultTable:
 
 
 def spread_text(by_seed: Mapping[int, float], metric: Metric) -> str:
-    """Mean ± standard deviation."""
+    """Format mean ± standard deviation."""
     if not by_seed:
         return "–"
     numbers = metric.scale * np.array(list(by_seed.values()))
@@ -115,7 +115,7 @@ def spread_text(by_seed: Mapping[int, float], metric: Metric) -> str:
 
 
 def comparison_table(results: Sequence[CaseResult], earlier: Sequence[CaseResult]) -> ResultTable:
-    """What became better or worse, on the seeds that both ran."""
+    """Return a table of the changes, on the seeds that both have run."""
     rows = []
     for case in names(results):
         pairs = ((values(results, case, one), values(earlier, case, one), one) for one in METRICS)
@@ -127,7 +127,7 @@ def comparison_table(results: Sequence[CaseResult], earlier: Sequence[CaseResult
 
 
 def change_text(now: Mapping[int, float], then: Mapping[int, float], metric: Metric) -> str:
-    """Relative change of the mean and a verdict; only where every seed agrees is it one."""
+    """Format the relative change of the mean; it is better or worse only if every seed agrees."""
     common = sorted(now.keys() & then.keys())
     if not common:
         return "lost" if then else ("new" if now else "–")
@@ -144,7 +144,7 @@ def change_text(now: Mapping[int, float], then: Mapping[int, float], metric: Met
 
 
 def write_summary(path: Path, results: Sequence[CaseResult], facts: Mapping[str, Any]) -> None:
-    """Write all results and what they were made with (configuration, simulations)."""
+    """Write all results, their configuration and their simulations."""
     rows = [{name: _plain(value) for name, value in asdict(result).items()} for result in results]
     text = json.dumps({**facts, "results": rows}, indent=2)
     path.write_text(text + "\n", encoding="utf-8")
@@ -155,13 +155,13 @@ def _plain(value: object) -> object:
 
 
 def read_summary(path: Path, simulations: Mapping[str, Any] | None = None) -> list[CaseResult]:
-    """Results of an earlier summary.
+    """Read the results of an earlier summary.
 
     Parameters
     ----------
     simulations
-        Fields of the simulation of every case, as in the summary; results of cases that were
-        simulated otherwise then are left out.
+        Fields of the simulation of every case, like those in the summary; results of cases with
+        other fields are left out.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Contestants timed in turns, so that other load on the machine meets them alike."""
+"""Timing of contestants in turns, so that other load on the machine affects all alike."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 def fastest(
     contestants: dict[str, Callable[[], object]], rounds: int, each: int
 ) -> dict[str, float]:
-    """Seconds of one call of each contestant, in turns; the fastest round counts."""
+    """Measure the seconds of one call of each contestant, in turns; the fastest round counts."""
     best = dict.fromkeys(contestants, np.inf)
     for _ in range(rounds):
         for name, call in contestants.items():

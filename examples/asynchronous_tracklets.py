@@ -1,9 +1,9 @@
-"""Feed asynchronous tracklets into the smoother by hand, and ask for poses between its states.
+"""Feed asynchronous tracklets into the smoother by hand, and query poses between its states.
 
     python examples/asynchronous_tracklets.py [plot.png]
 
-Every measurement has a time of its own: no two of them need to share one. After each cluster the
-trajectory so far can be asked at any time, with its uncertainty.
+Every measurement has its own time, and no two of them need to share one. After each cluster the
+trajectory so far can be queried at any time, with its uncertainty.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ GAP = range(9, 13)  # clusters in which nothing is seen
 
 
 def true_pose(t: np.ndarray) -> np.ndarray:
-    """T_world_cam (N, 4, 4): sideways to and fro while turning a little."""
+    """Return T_world_cam (N, 4, 4): an oscillation to the sides with a small rotation."""
     twist = np.zeros((len(t), 6))
     twist[:, 1] = 0.05 * np.sin(2 * t)  # rotation about y, rad
     twist[:, 3] = 0.1 * np.sin(2 * t)  # translation along x, m
@@ -35,7 +35,10 @@ def true_pose(t: np.ndarray) -> np.ndarray:
 
 
 def measure(frame: int, points: np.ndarray, rng: np.random.Generator) -> Measurements:
-    """Each point at a random time of the cluster: (u_left, v, disparity) with a pixel of noise."""
+    """Measure each point as (u_left, v, disparity) at a random time of the cluster.
+
+    The noise has a standard deviation of one pixel.
+    """
     t = np.sort((frame + rng.random(len(points))) * PERIOD)
     T_cam_world = se3_inverse(true_pose(t))
     local = np.einsum("nij,nj->ni", T_cam_world[:, :3, :3], points) + T_cam_world[:, :3, 3]
@@ -44,7 +47,7 @@ def measure(frame: int, points: np.ndarray, rng: np.random.Generator) -> Measure
 
 
 def estimate() -> Trajectory:
-    """The trajectory of all clusters; prints the newest pose while it runs."""
+    """Estimate the trajectory of all clusters and print the newest pose after each."""
     rng = np.random.default_rng(0)
     points = rng.uniform([-1.0, -0.7, 1.5], [1.0, 0.7, 3.0], (30, 3))
     nothing = Measurements.concatenate([])
@@ -54,7 +57,7 @@ def estimate() -> Trajectory:
         smoother.update(frame, (frame + 1) * PERIOD, measurements, None)
         trajectory = smoother.trajectory(start_ns=0)
         assert trajectory is not None
-        now = trajectory.stop - 0.0123  # any time will do, also between states
+        now = trajectory.stop - 0.0123  # any time is possible, also between states
         x = trajectory.pose(now)[0, 3]
         sigma = np.sqrt(trajectory.covariance(now)[3, 3])
         print(f"t = {now:.4f} s: x = {x:+.3f} m, 3 sigma {3 * sigma:.3f} m")
@@ -62,7 +65,7 @@ def estimate() -> Trajectory:
 
 
 def plot(trajectory: Trajectory, path: Path) -> None:
-    """The error along x and its 3 sigma bounds."""
+    """Plot the error along x and its 3 sigma bounds."""
     from matplotlib.figure import Figure
 
     t = np.linspace(trajectory.start, trajectory.stop, 400)

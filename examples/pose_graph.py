@@ -1,7 +1,7 @@
-"""A pose graph in continuous time, by hand: poses measured at odd times, and what lies between.
+"""A pose graph in continuous time, built by hand from poses measured at irregular times.
 
-The motion prior ties them together: the graph knows the velocity too, and any pose between.
-Run as ``python -m examples.pose_graph``.
+The motion prior ties the states together, so the graph also estimates the velocity, and the pose at
+any time in between. Run as ``python -m examples.pose_graph``.
 """
 
 from itertools import pairwise
@@ -22,7 +22,7 @@ SIGMAS = np.array([0.01, 0.01, 0.01, 0.02, 0.02, 0.02])  # of a measured pose, r
 
 
 def build(times: Array, measured: Array) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """The graph of poses (n, 4, 4), and where to start: there, at rest."""
+    """Build the graph of poses (n, 4, 4), and initial values at these poses with zero velocity."""
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     model = gtsam.noiseModel.Diagonal.Sigmas(SIGMAS)
     for k, pose in enumerate(measured):
@@ -35,7 +35,7 @@ def build(times: Array, measured: Array) -> tuple[gtsam.NonlinearFactorGraph, gt
 
 
 def between(values: gtsam.Values, times: Array, t: Array) -> InterpolatedState:
-    """Poses and velocities at any times t (m,) from those at `times` (n,)."""
+    """Interpolate poses and velocities at any times t (m,) from those at `times` (n,)."""
     i = np.searchsorted(times, t, side="right") - 1
     T = np.array([values.atPose3(X(k)).matrix() for k in range(len(times))])
     v = np.array([values.atVector(V(k)) for k in range(len(times))])
@@ -43,7 +43,7 @@ def between(values: gtsam.Values, times: Array, t: Array) -> InterpolatedState:
 
 
 def main() -> tuple[Array, Array]:
-    """Errors (100, 6) of poses and velocities between the measurements."""
+    """Return the errors (100, 6) of poses and velocities between the measurements."""
     rng = np.random.default_rng(0)
     times = np.r_[0, np.sort(rng.uniform(0, 2, 38)), 2].round(6)
     noise = se3_exp(rng.normal(size=(40, 6)) * SIGMAS)

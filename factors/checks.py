@@ -1,4 +1,4 @@
-"""Arguments that are wrong, named in one clear ValueError."""
+"""Checks of arguments, which raise a ValueError that names the wrong argument."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from factors.kernels import Array
 
 
 def checked_array(name: str, array: ArrayLike, element: tuple[int, ...]) -> Array:
-    """A contiguous array of finite numbers whose last axes are those of one element."""
+    """Return a contiguous array of finite numbers whose last axes have the shape `element`."""
     checked = np.asarray(array, np.float64, order="C")
     batch = checked.ndim - len(element)
     if batch < 0 or checked.shape[batch:] != element:
@@ -21,7 +21,7 @@ def checked_array(name: str, array: ArrayLike, element: tuple[int, ...]) -> Arra
 
 
 def checked_vector(name: str, vector: ArrayLike, size: int) -> Array:
-    """(size,) finite numbers."""
+    """Return a vector of finite numbers, (size,)."""
     checked = checked_array(name, vector, (size,))
     if checked.ndim != 1:
         raise ValueError(f"{name} must have the shape ({size},), not {checked.shape}")
@@ -29,19 +29,20 @@ def checked_vector(name: str, vector: ArrayLike, size: int) -> Array:
 
 
 def checked_duration(dt: float) -> float:
-    """Seconds, finite and positive."""
+    """Return a finite and positive duration in seconds."""
     if not (np.isfinite(dt) and dt > 0):
         raise ValueError(f"dt must be positive seconds, not {dt}")
     return float(dt)
 
 
 def power_spectral_density(qc: ArrayLike) -> Array:
-    """(6, 6) matrix of a power spectral density given as its diagonal (6,) or whole.
+    """Return the matrix (6, 6) of a power spectral density given as its diagonal (6,) or whole.
 
     Raises
     ------
     ValueError
-        If the shape is another one, or the matrix is not symmetric and positive definite.
+        If the shape is another one, a number is not finite, or the matrix is not symmetric and
+        positive definite.
     """
     array = np.asarray(qc, np.float64)
     if array.shape not in ((6,), (6, 6)) or not np.isfinite(array).all():
@@ -55,7 +56,7 @@ def power_spectral_density(qc: ArrayLike) -> Array:
 
 
 def checked_noise(model: object, dimension: int) -> None:
-    """A noise model of the dimension of the measurement."""
+    """Check that a noise model has the dimension of the measurement."""
     actual = getattr(model, "dim", None)
     if actual is None:
         raise ValueError(f"model must be a GTSAM noise model, not {type(model).__name__}")

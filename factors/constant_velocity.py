@@ -1,7 +1,7 @@
-"""One body velocity that explains a segment of a tracklet, paper's section III-B.
+"""Factors of one body velocity that explains a segment of a tracklet, section III-B.
 
-Between the times of two measurements of a landmark the camera moves by Exp(dt v), so that a point p
-of the earlier camera frame is at Exp(dt v)^-1 p in the later one.
+Between the times of two measurements of a landmark the camera moves by Exp(dt v). A point p of the
+earlier camera frame is at Exp(dt v)^-1 p in the later one.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def EuclideanVelocityFactor(
     Raises
     ------
     ValueError
-        If a point is not three finite numbers or dt not positive.
+        If a point is not three finite numbers or dt is not positive.
     """
     checked_noise(model, 3)
     start, dt = checked_vector("point", point, 3), checked_duration(dt)
@@ -68,7 +68,7 @@ def EuclideanVelocityFactor(
 def _reprojection_kernel(
     velocity: Array, point: Array, dt: float, measured: Array, camera: Array
 ) -> Array:
-    """(3, 7) derivative of the error by the velocity, then the error itself."""
+    """Compute the Jacobian of the error with respect to velocity, then the error, (3, 7)."""
     xi = np.empty(6)
     for i in range(6):
         xi[i] = dt * velocity[i]
@@ -91,7 +91,7 @@ def ReprojectionVelocityFactor(
     dt: float,
     camera: StereoCamera,
 ) -> gtsam.CustomFactor:
-    """Reprojection of a point of the earlier camera frame into the later: equation (iter_err).
+    """Reprojection of a point of the earlier camera frame to the later one: equation (iter_err).
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def ReprojectionVelocityFactor(
     Raises
     ------
     ValueError
-        If the measurement or the point are not three finite numbers, the point is behind the
+        If the measurement or the point is not three finite numbers, the point is behind the
         camera, or dt is not positive.
     """
     checked_noise(model, 3)

@@ -1,4 +1,4 @@
-"""A stereo measurement at its own time, between two states of a WNOA trajectory."""
+"""Factor of a stereo measurement at its own time, between two states of a WNOA trajectory."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _linearized_kernel(
     by_v_j: Array,
     by_landmark: Array,
 ) -> None:
-    """Write the error (3,) and its derivatives (3, 6) by the states and (3, 3) by the landmark."""
+    """Write the error (3,) and its Jacobians with respect to states (3, 6) and landmark (3, 3)."""
     T_i = row_major_kernel(T_i)
     weights = hermite_weights(a, b)
     local_j = local_state_kernel(T_i, row_major_kernel(T_j), v_j)
@@ -87,7 +87,7 @@ def InterpolatedStereoFactor(
     measured
         (u_left, v, disparity) in rectified pixels.
     model
-        Noise model of dimension 3; robust ones are welcome.
+        Noise model of dimension 3, which may be robust.
     pose_i, velocity_i, pose_j, velocity_j
         Keys of the states at t_i and t_j: Pose3 T_world_cam and body twists (6,), rotation first.
     landmark
@@ -97,14 +97,14 @@ def InterpolatedStereoFactor(
     t_i, t_j, t
         Seconds, t_i <= t <= t_j and t_i < t_j.
     qc
-        Power spectral density, only checked: the mean between two states does not depend on it, as
-        it scales Q(t) and the inverse of Q(t_j) alike.
+        Power spectral density, which is only checked. The mean between two states does not depend
+        on it, because it cancels in the product of Q(t) and the inverse of Q(t_j).
 
     Raises
     ------
     ValueError
-        If the times are out of order, the measurement is not three finite numbers, the disparity
-        not positive, or the noise model of another dimension.
+        If the times are out of order, the measurement is not three finite numbers, the disparity is
+        not positive, or the noise model has another dimension.
     """
     if not (t_i < t_j and t_i <= t <= t_j):
         raise ValueError(f"t = {t} must lie between t_i = {t_i} and t_j = {t_j}")

@@ -24,7 +24,7 @@ from factors.wnoa import information_root, kronecker, whitening, wnoa_kernel
 
 
 class InterpolatedState(NamedTuple):
-    """Pose (..., 4, 4), body twist (..., 6) and their covariance (..., 12, 12) if it was asked for.
+    """Pose (..., 4, 4), body twist (..., 6) and, if requested, their covariance (..., 12, 12).
 
     The covariance is that of a right perturbation of the pose, rotation first, and of the twist.
     """
@@ -45,7 +45,7 @@ def interpolate(
     qc: ArrayLike | None = None,
     joint_covariance: ArrayLike | None = None,
 ) -> InterpolatedState:
-    """State at times t between states i and j; all arguments may have common leading axes.
+    """Interpolate the state at times t between states i and j, with common leading axes.
 
     Parameters
     ----------
@@ -62,11 +62,11 @@ def interpolate(
 
     Notes
     -----
-    The covariance is exact for the joint covariance of a graph with the state at t put in, a prior
-    on either side of it. The joint of a graph whose one prior spans t_i to t_j is a little another
-    one, as the prior is not linear; the variance of any direction then differs by a share that
-    falls with the square of t_j - t_i if the acceleration is bounded: thousandths at 0.1 s and
-    1 rad/s, 1e-4 at 25 ms.
+    The covariance is exact for the joint covariance of a graph that contains the state at t, with a
+    prior on either side of it. A graph with one prior from t_i to t_j has a slightly different
+    joint covariance, because the prior is not linear. The relative difference of the variance in
+    any direction falls with the square of t_j - t_i if the acceleration is bounded: thousandths at
+    0.1 s and 1 rad/s, 1e-4 at 25 ms.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def _interpolate_batch(
 
 
 def _moved(T_i: Array, local: Array) -> tuple[Array, Array]:
-    """Poses (n, 4, 4) and twists (n, 6) of local variables (n, 12) around T_i (n, 4, 4)."""
+    """Compute poses (n, 4, 4) and twists (n, 6) of local variables (n, 12) around T_i (n, 4, 4)."""
     pose, velocity = np.empty((len(local), 4, 4)), np.empty((len(local), 6))
     _moved_batch(T_i, local, pose, velocity)
     return pose, velocity
@@ -128,9 +128,10 @@ def _moved_batch(T_i: Array, local: Array, T: Array, v: Array) -> None:
 
 
 def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, qc: Array) -> Array:
-    """(n, 12, 24) derivatives of the prior's whitened error by states i and j, dt (n,) apart.
+    """Compute the Jacobian of the prior's whitened error with respect to both states, (n, 12, 24).
 
-    A duration of zero is taken as one second; its rows are not used.
+    The states i and j are dt (n,) seconds apart. A duration of zero is replaced by one second; its
+    rows are not used.
     """
     dt = np.where(dt == 0, 1.0, dt)
     rows = zip(T_i, v_i, T_j, v_j, dt, strict=True)
@@ -140,11 +141,11 @@ def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, q
 
 
 def _between(from_i: Array, to_j: Array, root: Array) -> Array:
-    """Covariance (n, 12, 12) of a state that two priors tie to states i and j.
+    """Compute the covariance (n, 12, 12) of a state that two priors tie to states i and j.
 
-    As in a graph with that state put in: its conditional, by QR of the whitened derivatives, on the
-    joint covariance of states i and j, whose square root is given (n, 24, 24). All is a sum of
-    squares, so that the result is positive semidefinite.
+    The state is treated like one of the graph: QR of the whitened Jacobians yields its conditional
+    distribution given states i and j. Their joint covariance is given by its square root (n, 24,
+    24). The result is a sum of squares, so it is positive semidefinite.
     """
     own = np.concatenate([from_i[..., 12:], to_j[..., :12]], axis=1)
     others = np.zeros((len(own), 24, 24))
@@ -156,7 +157,7 @@ def _between(from_i: Array, to_j: Array, root: Array) -> Array:
 
 
 def _square_root(covariance: Array) -> Array:
-    """Square roots L (..., m, m), LLᵀ the covariance, of what may be singular up to rounding."""
+    """Compute L (..., m, m) with LLᵀ = covariance, which may be singular up to rounding."""
     try:
         return np.asarray(np.linalg.cholesky(covariance), np.float64)
     except np.linalg.LinAlgError:
@@ -168,16 +169,17 @@ def _square_root(covariance: Array) -> Array:
 
 
 def _sum_of_squares(*roots: Array) -> Array:
-    """Sum of LLᵀ (n, m, m) over the roots L (n, m, k)."""
+    """Compute the sum of LLᵀ (n, m, m) over the roots L (n, m, k)."""
     root = np.concatenate(roots, axis=-1)
     total: Array = root @ np.swapaxes(root, -1, -2)
     return total
 
 
 def _spread(array: Array, batch: tuple[int, ...], element: tuple[int, ...]) -> Array:
-    """The array with its leading axes broadcast to `batch` and flattened.
+    """Broadcast the leading axes of an array to `batch` and flatten them.
 
-    A copy, as numba would compile all again for the read-only view that NumPy's broadcasting gives.
+    The result is a copy, because numba would compile all kernels again for the read-only view that
+    NumPy's broadcasting returns.
     """
     whole = np.array(np.broadcast_to(array, (*batch, *element)), order="C")
     return whole.reshape(-1, *element)
@@ -190,7 +192,7 @@ def extrapolate(
     qc: ArrayLike | None = None,
     covariance: ArrayLike | None = None,
 ) -> InterpolatedState:
-    """State at constant body velocity dt seconds after state i, or before it if dt is negative.
+    """Extrapolate state i by dt seconds, of either sign, at constant body velocity.
 
     Parameters
     ----------

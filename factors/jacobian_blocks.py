@@ -1,7 +1,7 @@
-"""Derivatives that kernels write into GTSAM's own matrices.
+"""Jacobians that kernels write into GTSAM's own matrices.
 
-GTSAM copies a whole list of its matrices in half a microsecond, but converts arrays of NumPy one by
-one in more than one each, which would be half the time of a callback.
+GTSAM copies a whole list of its own matrices in half a microsecond. It converts NumPy arrays one by
+one, each in more than a microsecond, which would be half the time of a callback.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from factors.kernels import Array
 
 
 class JacobianBlocks:
-    """Derivatives (rows, columns[k]) by the k-th key, for all factors of one shape.
+    """Jacobians (rows, columns[k]) with respect to the k-th key, for all factors of one shape.
 
-    Fill the `views`, then `copy_to` what GTSAM passes to a callback, holding the `lock` all along.
+    Fill the `views`, then `copy_to` the list that GTSAM passes to a callback, and hold the `lock`
+    while doing both.
     """
 
     def __init__(self, rows: int, columns: tuple[int, ...]) -> None:
@@ -26,6 +27,6 @@ class JacobianBlocks:
         self.views: list[Array] = [self._matrices[k] for k in range(len(columns))]
 
     def copy_to(self, jacobians: gtsam.JacobianVector) -> None:
-        """Hand the blocks over to GTSAM."""
+        """Copy the blocks to GTSAM's list."""
         jacobians.clear()
         jacobians.extend(self._matrices)

@@ -24,7 +24,7 @@ from factors.kernels import (
 
 
 def skew(a: ArrayLike) -> Array:
-    """Matrices (..., 3, 3) of the cross product with vectors (..., 3)."""
+    """Compute the matrices (..., 3, 3) of the cross product with vectors (..., 3)."""
     a = checked_array("a", a, (3,))
     matrix = np.zeros((*a.shape, 3))
     for i in range(3):
@@ -34,7 +34,7 @@ def skew(a: ArrayLike) -> Array:
 
 
 def se3_exp(xi: ArrayLike) -> Array:
-    """Transforms (..., 4, 4) of twists (..., 6)."""
+    """Compute the transforms (..., 4, 4) of twists (..., 6)."""
     twists = checked_array("xi", xi, (6,))
     transforms = np.empty((*twists.shape[:-1], 4, 4))
     _exp_batch(twists.reshape(-1, 6), transforms.reshape(-1, 4, 4))
@@ -48,7 +48,7 @@ def _exp_batch(twists: Array, transforms: Array) -> None:
 
 
 def se3_log(T: ArrayLike) -> Array:
-    """Twists (..., 6) of transforms (..., 4, 4), rotation angle at most pi."""
+    """Compute the twists (..., 6) of transforms (..., 4, 4), rotation angle at most pi."""
     transforms = checked_array("T", T, (4, 4))
     twists = np.empty((*transforms.shape[:-2], 6))
     _log_batch(transforms.reshape(-1, 4, 4), twists.reshape(-1, 6))
@@ -64,7 +64,7 @@ def _log_batch(transforms: Array, twists: Array) -> None:
 
 
 def se3_inverse(T: ArrayLike) -> Array:
-    """Inverses of transforms (..., 4, 4)."""
+    """Invert transforms (..., 4, 4)."""
     T = checked_array("T", T, (4, 4))
     inverse = np.zeros_like(T)
     inverse[..., :3, :3] = np.swapaxes(T[..., :3, :3], -1, -2)
@@ -74,20 +74,20 @@ def se3_inverse(T: ArrayLike) -> Array:
 
 
 def se3_adjoint(T: ArrayLike) -> Array:
-    """Adjoints (..., 6, 6) of transforms (..., 4, 4)."""
+    """Compute the adjoints (..., 6, 6) of transforms (..., 4, 4)."""
     T = checked_array("T", T, (4, 4))
     rotation = T[..., :3, :3]
     return _lower_triangular(rotation, skew(T[..., :3, 3]) @ rotation)
 
 
 def se3_curly(xi: ArrayLike) -> Array:
-    """Small adjoints (..., 6, 6) of twists (..., 6)."""
+    """Compute the small adjoints (..., 6, 6) of twists (..., 6)."""
     xi = checked_array("xi", xi, (6,))
     return _lower_triangular(skew(xi[..., :3]), skew(xi[..., 3:]))
 
 
 def _lower_triangular(diagonal: Array, below: Array) -> Array:
-    """Matrices [[diagonal, 0], [below, diagonal]] (..., 6, 6) of blocks (..., 3, 3)."""
+    """Assemble matrices [[diagonal, 0], [below, diagonal]] (..., 6, 6) of blocks (..., 3, 3)."""
     matrix = np.zeros((*diagonal.shape[:-2], 6, 6))
     matrix[..., :3, :3] = matrix[..., 3:, 3:] = diagonal
     matrix[..., 3:, :3] = below
@@ -95,7 +95,7 @@ def _lower_triangular(diagonal: Array, below: Array) -> Array:
 
 
 def se3_left_jacobian(xi: ArrayLike) -> Array:
-    """Left Jacobians J (..., 6, 6) of twists (..., 6): Exp(xi + d) = Exp(J d) Exp(xi)."""
+    """Compute left Jacobians J (..., 6, 6) of twists (..., 6): Exp(xi + d) = Exp(J d) Exp(xi)."""
     twists = checked_array("xi", xi, (6,))
     jacobians = np.empty((*twists.shape, 6))
     _left_jacobian_batch(twists.reshape(-1, 6), jacobians.reshape(-1, 6, 6))
@@ -110,12 +110,12 @@ def _left_jacobian_batch(twists: Array, jacobians: Array) -> None:
 
 
 def se3_right_jacobian(xi: ArrayLike) -> Array:
-    """Right Jacobians J (..., 6, 6) of twists (..., 6): Exp(xi + d) = Exp(xi) Exp(J d)."""
+    """Compute right Jacobians J (..., 6, 6) of twists (..., 6): Exp(xi + d) = Exp(xi) Exp(J d)."""
     return se3_left_jacobian(np.negative(xi))
 
 
 def se3_left_jacobian_inverse(xi: ArrayLike) -> Array:
-    """Inverse left Jacobians (..., 6, 6) of twists (..., 6); singular at an angle of 2 pi."""
+    """Compute inverse left Jacobians (..., 6, 6) of twists (..., 6); singular at angle 2 pi."""
     twists = checked_array("xi", xi, (6,))
     inverses = np.empty((*twists.shape, 6))
     _left_jacobian_inverse_batch(twists.reshape(-1, 6), inverses.reshape(-1, 6, 6))
@@ -130,5 +130,5 @@ def _left_jacobian_inverse_batch(twists: Array, inverses: Array) -> None:
 
 
 def se3_right_jacobian_inverse(xi: ArrayLike) -> Array:
-    """Inverse right Jacobians (..., 6, 6) of twists (..., 6); singular at an angle of 2 pi."""
+    """Compute inverse right Jacobians (..., 6, 6) of twists (..., 6); singular at angle 2 pi."""
     return se3_left_jacobian_inverse(np.negative(xi))

@@ -1,8 +1,9 @@
-"""Gauss-Newton, driven from Python.
+"""Gauss-Newton optimization, driven from Python.
 
-When GTSAM's own optimisers call back into Python they copy all values for each factor, which costs
-more with each variable. Here Python owns the values, nothing is copied, and the linear system is
-solved by QR: GTSAM 4.3's Cholesky refuses well-posed chains of states that are close in time.
+When GTSAM's own optimisers call back into Python they copy all values for each factor, at a cost
+that grows with the number of variables. Here Python owns the values and nothing is copied. The
+linear system is solved by QR, because GTSAM 4.3's Cholesky refuses well-posed chains of states that
+are close in time.
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ def optimize(
     tolerance: float = 1e-9,
     ordering: gtsam.Ordering | None = None,
 ) -> gtsam.Values:
-    """Values at the least squares optimum of a graph, found by Gauss-Newton.
+    """Find the values at the least-squares optimum of a graph by Gauss-Newton.
 
     Parameters
     ----------
     graph
-        Any GTSAM factors, Python's and native ones.
+        Any GTSAM factors, native or written in Python.
     values
-        Where to start; not changed.
+        Initial values; not changed.
     max_iterations
         Largest number of steps.
     tolerance
-        Stop when a step lowers the error by less than this share of it, or less than this.
+        Stop when a step changes the error by at most tolerance * max(1, error before the step).
     ordering
         Elimination order of all variables; by COLAMD if none is given.
 
@@ -55,7 +56,7 @@ def optimize(
 
 
 def _finite(error: float) -> float:
-    """The error itself, or ValueError if no step can come of it."""
+    """Return the error itself, or raise ValueError if it is not finite."""
     if not math.isfinite(error):
         raise ValueError("values have no finite error: too far from the optimum to start, or lost")
     return error

@@ -38,17 +38,17 @@ class StereoCamera:
 
     @property
     def parameters(self) -> Array:
-        """(5,) fx, fy, cx, cy, baseline."""
+        """Intrinsics (5,): fx, fy, cx, cy, baseline."""
         return np.array([self.fx, self.fy, self.cx, self.cy, self.baseline])
 
     def project(self, points: ArrayLike) -> Array:
-        """Measurements (..., 3) of points (..., 3) in the left camera frame, Z > 0."""
+        """Project points (..., 3) in the left camera frame, Z > 0, to measurements (..., 3)."""
         x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
         u, v = self.fx * x / z + self.cx, self.fy * y / z + self.cy
         return np.stack([u, v, self.fx * self.baseline / z], axis=-1)
 
     def project_with_jacobian(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Measurements (..., 3) of points (..., 3) and their derivatives (..., 3, 3)."""
+        """Project points (..., 3) to measurements (..., 3) with their Jacobians (..., 3, 3)."""
         x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
         jacobian = np.zeros((*np.shape(x), 3, 3))
         jacobian[..., 0, 0] = self.fx / z
@@ -59,13 +59,13 @@ class StereoCamera:
         return self.project(points), jacobian
 
     def triangulate(self, measurements: ArrayLike) -> Array:
-        """Points (..., 3) in the left camera frame of measurements (..., 3), disparity > 0."""
+        """Triangulate measurements (..., 3), disparity > 0, to points in the left camera frame."""
         u, v, disparity = np.moveaxis(np.asarray(measurements, np.float64), -1, 0)
         z = self.fx * self.baseline / disparity
         return np.stack([(u - self.cx) * z / self.fx, (v - self.cy) * z / self.fy, z], axis=-1)
 
     def inverse_depth(self, measurements: ArrayLike) -> Array:
-        """(..., 3) x / z, y / z and 1 / z in the left camera frame of measurements (..., 3)."""
+        """Compute x / z, y / z and 1 / z (..., 3) in the left camera frame from measurements."""
         u, v, disparity = np.moveaxis(np.asarray(measurements, np.float64), -1, 0)
         inverse = disparity / (self.fx * self.baseline)
         return np.stack([(u - self.cx) / self.fx, (v - self.cy) / self.fy, inverse], axis=-1)
@@ -73,9 +73,10 @@ class StereoCamera:
 
 @kernel
 def reprojection_kernel(T: Array, landmark: Array, measured: Array, camera: Array) -> Array:
-    """(3, 10) derivative of the error by the pose (6) and the landmark (3), then the error itself.
+    """Compute the Jacobian of the error with respect to pose and landmark, then the error, (3, 10).
 
-    Behind the camera: a large constant error without derivatives, as GTSAM's own stereo factor.
+    The columns are the pose (6), the landmark (3) and the error (1). Behind the camera the error is
+    a large constant and the Jacobian is zero, like in GTSAM's own stereo factor.
     """
     fx, fy, cx, cy, baseline = camera[0], camera[1], camera[2], camera[3], camera[4]
     x, y, z = 0.0, 0.0, 0.0
@@ -92,7 +93,7 @@ def reprojection_kernel(T: Array, landmark: Array, measured: Array, camera: Arra
     result[0, 9] = fx * x / z + cx - measured[0]
     result[1, 9] = fy * y / z + cy - measured[1]
     result[2, 9] = fx * baseline / z - measured[2]
-    # The derivative of the translation in the camera frame is that of -point.
+    # In the camera frame, a translation of the camera moves the point by its negative.
     result[0, 3], result[0, 5] = -fx / z, fx * x / (z * z)
     result[1, 4], result[1, 5] = -fy / z, fy * y / (z * z)
     result[2, 5] = fx * baseline / (z * z)
@@ -116,7 +117,7 @@ def _stereo_kernel(
     by_pose: Array,
     by_landmark: Array,
 ) -> None:
-    """Write the error (3,) and its derivatives (3, 6) and (3, 3)."""
+    """Write the error (3,) and its Jacobians with respect to pose (3, 6) and landmark (3, 3)."""
     result = reprojection_kernel(row_major_kernel(T), landmark, measured, camera)
     copy_columns_kernel(result, 0.0, by_pose)
     copy_columns_kernel(result, 6.0, by_landmark)
@@ -125,7 +126,7 @@ def _stereo_kernel(
 
 
 def checked_measurement(measured: ArrayLike) -> Array:
-    """(3,) finite (u_left, v, disparity) with a positive disparity."""
+    """Check that (u_left, v, disparity) is finite with positive disparity; return it as (3,)."""
     measurement = checked_vector("measured", measured, 3)
     if measurement[2] <= 0:
         raise ValueError(f"measured must have a positive disparity, not {measurement}")
@@ -139,14 +140,14 @@ def StereoReprojectionFactor(
     landmark: int,
     camera: StereoCamera,
 ) -> gtsam.CustomFactor:
-    """Stereo measurement of a landmark, equation (meas_err) with the sign of prediction - measured.
+    """Stereo measurement of a landmark, equation (meas_err) with error = prediction - measurement.
 
     Parameters
     ----------
     measured
         (u_left, v, disparity) in rectified pixels.
     model
-        Noise model of dimension 3; robust ones are welcome.
+        Noise model of dimension 3, which may be robust.
     pose, landmark
         Keys of a Pose3 T_world_cam and of a Point3 in the world.
     camera
@@ -155,8 +156,8 @@ def StereoReprojectionFactor(
     Raises
     ------
     ValueError
-        If the measurement is not three finite numbers, the disparity not positive, or the noise
-        model of another dimension.
+        If the measurement is not three finite numbers, the disparity is not positive, or the noise
+        model has another dimension.
     """
     checked_noise(model, 3)
     measurement, parameters = checked_measurement(measured), camera.parameters

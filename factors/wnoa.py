@@ -30,37 +30,37 @@ _BLOCKS = JacobianBlocks(12, (6, 6, 6, 6))
 
 
 def whitening(qc: ArrayLike) -> Array:
-    """(6, 6) lower triangular W with WᵀW = qc^-1."""
+    """Compute the lower triangular W (6, 6) with WᵀW = qc^-1."""
     return np.linalg.inv(np.linalg.cholesky(power_spectral_density(qc)))
 
 
 def wnoa_covariance(dt: float, qc: ArrayLike) -> Array:
-    """(12, 12) covariance Q_k of the prior's error after dt seconds, equation (prior_cov)."""
+    """Compute the covariance Q_k (12, 12) of the prior's error after dt, equation (prior_cov)."""
     dt = checked_duration(dt)
     scalars = np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
     return kronecker(scalars, power_spectral_density(qc))
 
 
 def wnoa_information(dt: float, qc: ArrayLike) -> Array:
-    """(12, 12) inverse of `wnoa_covariance`, in closed form."""
+    """Compute the inverse (12, 12) of `wnoa_covariance` in closed form."""
     root = wnoa_square_root_information(dt, qc)
     return root.T @ root
 
 
 def wnoa_square_root_information(dt: float, qc: ArrayLike) -> Array:
-    """(12, 12) S with SᵀS = Q_k^-1, in closed form."""
+    """Compute S (12, 12) with SᵀS = Q_k^-1 in closed form."""
     return kronecker(information_root(checked_duration(dt)), whitening(qc))
 
 
 def information_root(dt: ArrayLike) -> Array:
-    """(..., 2, 2) scalars whose Kronecker product with the whitening of qc is S."""
+    """Compute the scalars (..., 2, 2) whose Kronecker product with the whitening of qc is S."""
     dt = np.asarray(dt, np.float64)
     scalars = [np.sqrt(12 / dt**3), -np.sqrt(3 / dt), np.zeros_like(dt), np.sqrt(1 / dt)]
     return np.stack(scalars, -1).reshape(*dt.shape, 2, 2)
 
 
 def wnoa_square_root_covariance(dt: float, qc: ArrayLike) -> Array:
-    """(12, 12) lower triangular L with LLᵀ = Q_k, in closed form."""
+    """Compute the lower triangular L (12, 12) with LLᵀ = Q_k in closed form."""
     dt = checked_duration(dt)
     scalars = np.array([[np.sqrt(dt**3 / 3), 0], [np.sqrt(3 * dt) / 2, np.sqrt(dt) / 2]])
     return kronecker(
@@ -69,7 +69,7 @@ def wnoa_square_root_covariance(dt: float, qc: ArrayLike) -> Array:
 
 
 def kronecker(scalars: Array, matrix: Array) -> Array:
-    """Kronecker products (..., 12, 12) of scalars (..., 2, 2) and one matrix (6, 6)."""
+    """Compute the Kronecker products (..., 12, 12) of scalars (..., 2, 2) and a matrix (6, 6)."""
     return np.einsum("...ij,kl->...ikjl", scalars, matrix).reshape(*scalars.shape[:-2], 12, 12)
 
 
@@ -77,7 +77,10 @@ def kronecker(scalars: Array, matrix: Array) -> Array:
 def wnoa_kernel(
     T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: float, derivatives: bool, higher: float
 ) -> Array:
-    """(12, 25) derivative of the error by T_i, v_i, T_j, v_j, then the error itself."""
+    """Compute the Jacobian of the error (12, 24) and, as the last column, the error: (12, 25).
+
+    The Jacobian is with respect to T_i, v_i, T_j, v_j.
+    """
     local = local_state_kernel(T_i, T_j, v_j)
     result = np.zeros((12, 25))
     if derivatives:
@@ -93,7 +96,10 @@ def wnoa_kernel(
 def wnoa_error(
     T_i: ArrayLike, v_i: ArrayLike, T_j: ArrayLike, v_j: ArrayLike, dt: float
 ) -> tuple[Array, Array]:
-    """Error (12,) of the prior and its exact Jacobian (12, 24) by T_i, v_i, T_j, v_j."""
+    """Compute the error (12,) of the prior and its exact Jacobian (12, 24).
+
+    The Jacobian is with respect to T_i, v_i, T_j, v_j.
+    """
     T_i, v_i, T_j, v_j = (np.ascontiguousarray(x, np.float64) for x in (T_i, v_i, T_j, v_j))
     dt = checked_duration(dt)
     result = wnoa_kernel(T_i, v_i, T_j, v_j, dt, True, EXACT)
@@ -117,7 +123,10 @@ def _whitened_kernel(
     by_T_j: Array,
     by_v_j: Array,
 ) -> None:
-    """Write the error (12,) whitened by root (2, 2) times W (6, 6), and its four derivatives."""
+    """Write the whitened error (12,) and its Jacobians (12, 6) with respect to T_i, v_i, T_j, v_j.
+
+    The error is whitened by the Kronecker product of root (2, 2) and W (6, 6).
+    """
     local = local_state_kernel(row_major_kernel(T_i), row_major_kernel(T_j), v_j)
     a, b, c = root[0, 0], root[0, 1], root[1, 1]
     for i in range(6):
@@ -144,7 +153,7 @@ def _whitened_kernel(
 
 @inner_kernel
 def _whitened_block(W: Array, block: Array) -> Array:
-    """(6, 6) product of a lower triangular matrix and another one."""
+    """Compute the product (6, 6) of a lower triangular matrix and another matrix."""
     product = np.zeros((6, 6))
     for i in range(6):
         for k in range(i + 1):
@@ -173,17 +182,17 @@ def WnoaPriorFactor(
     qc
         Power spectral density of the white noise on acceleration: diagonal (6,) or (6, 6).
     approximate_jacobians
-        Use the paper's first-order E_21 and E_23 instead of the exact derivatives.
+        Use the paper's first-order E_21 and E_23 instead of the exact Jacobians.
 
     Notes
     -----
-    The error is whitened in the factor, its noise model is Unit: GTSAM 4.3 turns the covariance of
-    short durations into a diagonal one and loses the correlation of pose and velocity.
+    The error is whitened in the factor and its noise model is Unit, because GTSAM 4.3 turns the
+    covariance of short durations into a diagonal one, without correlation of pose and velocity.
 
     Raises
     ------
     ValueError
-        If dt is not positive or qc not positive definite.
+        If dt is not positive or qc is not positive definite.
     """
     dt, W = checked_duration(dt), np.ascontiguousarray(whitening(qc))
     root = information_root(dt)

@@ -1,4 +1,4 @@
-"""Tables of arrays: what events, features, measurements and states have in common."""
+"""Base of tables of arrays: events, features, measurements and states."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ArrayTable:
 
     @classmethod
     def concatenate(cls: type[Table], parts: Iterable[Table]) -> Table:
-        """Join tables in their order, one at least."""
+        """Join tables in the given order; at least one is needed."""
         tables = list(parts)
         names = [field.name for field in fields(cls)]  # type: ignore[arg-type]
         return cls(*(np.concatenate([getattr(table, name) for table in tables]) for name in names))

@@ -1,4 +1,4 @@
-"""The front end, as the paper's figure: a cluster in, the measurements of inlier tracklets out."""
+"""The front end of the paper: from a cluster of events to measurements of inlier tracklets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gpvo.tracking import Measurements, Observations, Tracker, Tracklets, make_t
 
 @dataclass(frozen=True, eq=False)
 class TrackedCluster:
-    """What the front end makes of one cluster.
+    """Results of the front end for one cluster.
 
     Attributes
     ----------
@@ -29,11 +29,11 @@ class TrackedCluster:
     earlier, later
         The ends of the N tracklets that reach into the cluster and pass the filters.
     velocity_estimate
-        MC-RANSAC's velocity; None if there is none.
+        MC-RANSAC's velocity; None if it finds none.
     inliers
-        (N,) bool, which tracklets the velocity explains.
+        (N,) bool, tracklets that agree with the velocity; none without a velocity.
     measurements
-        Those of the inliers that were not given before.
+        Measurements of the inliers, except those returned with earlier clusters.
     """
 
     observations: Observations
@@ -45,17 +45,17 @@ class TrackedCluster:
 
 
 class FrontEnd:
-    """The stages before the estimator.
+    """The stages before the estimator: tracking, tracklets, outlier rejection.
 
-    `tracker` takes the place of the configuration's; `stage`, if given, is entered around every
-    stage with the stage's name, to time it.
+    `tracker` replaces the configured one. `stage` makes a context manager from a stage's name, to
+    be entered around that stage, for instance to time it.
 
     Attributes
     ----------
     camera
         The rectified stereo camera.
     rng
-        Draws MC-RANSAC's samples.
+        Random numbers for MC-RANSAC's samples.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class FrontEnd:
         self._stage = stage
 
     def process(self, cluster: StereoCluster) -> TrackedCluster:
-        """Track landmarks into one more cluster, the next in time, and keep the inliers."""
+        """Track landmarks into the next cluster, in order of time, and reject outliers."""
         with self._stage("tracking"):
             observations = self._tracker.track(cluster)
         with self._stage("tracklets"):

@@ -1,7 +1,7 @@
-"""The trajectory around a state: local variables, their interpolation, and what moves with them.
+"""Local variables of the trajectory around a state, their interpolation and their Jacobians.
 
-Around state i the local variables of a state (T, v) are xi = Log(T_i^-1 T) and its rate
-w = Jr(xi)^-1 v, where the Gaussian process is linear. Section III-C of Wang and Gammell; Barfoot,
+Around state i the local variables of a state (T, v) are xi = Log(T_i^-1 T) and its rate w =
+Jr(xi)^-1 v, in which the Gaussian process is linear. Section III-C of Wang and Gammell; Barfoot,
 "State Estimation for Robotics", chapter 11. Everything here is for one element, inside numba code.
 """
 
@@ -30,7 +30,10 @@ EXACT, FIRST_ORDER = 1.0, 0.0
 
 @inner_kernel
 def local_state_kernel(T_i: Array, T_j: Array, v_j: Array) -> Array:
-    """(12,) local variables around state i of state j, xi = Log(T_i^-1 T_j) and Jr(xi)^-1 v_j."""
+    """Compute the local variables (12,) of state j around state i.
+
+    They are xi = Log(T_i^-1 T_j) and w = Jr(xi)^-1 v_j.
+    """
     xi = log_kernel(relative_kernel(T_i, T_j))
     inverse = se3_polynomial_kernel(xi, inverse_coefficients_kernel(xi, RIGHT))
     local = np.zeros(12)
@@ -45,11 +48,12 @@ def local_state_kernel(T_i: Array, T_j: Array, v_j: Array) -> Array:
 def local_blocks_kernel(
     local: Array, v_j: Array, higher: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Derivatives (6, 6) of xi and of its rate by -T_i and T_j: xi_i, xi_j, rate_i, rate_j.
+    """Compute the Jacobians (6, 6) of xi and its rate: xi_i, xi_j, rate_i, rate_j.
 
-    That of the rate by v_j is xi_j. `higher` weights what the derivative of Jr(xi)^-1 v_j =
-    v_j + ad(xi) v_j / 2 + ... has beyond the first order: EXACT, or FIRST_ORDER for the paper's
-    E_21 and E_23.
+    Those with suffix _i are with respect to -T_i, those with suffix _j with respect to T_j. The
+    Jacobian of the rate with respect to v_j is xi_j. `higher` weights the terms beyond first order
+    in the Jacobian of Jr(xi)^-1 v_j = v_j + ad(xi) v_j / 2 + ...: EXACT, or FIRST_ORDER for the
+    paper's E_21 and E_23.
     """
     k = inverse_coefficients_kernel(local, LEFT)
     left = se3_polynomial_kernel(local, k)
@@ -64,7 +68,10 @@ def local_blocks_kernel(
 
 @inner_kernel
 def local_jacobian_kernel(local: Array, v_j: Array, higher: float) -> Array:
-    """(12, 24) derivative of the local variables by T_i, v_i, T_j, v_j; `higher` as above."""
+    """Compute the Jacobian of the local variables with respect to T_i, v_i, T_j, v_j, (12, 24).
+
+    `higher` is like in `local_blocks_kernel`.
+    """
     xi_i, xi_j, rate_i, rate_j = local_blocks_kernel(local, v_j, higher)
     jacobian = np.zeros((12, 24))
     for i in range(6):
@@ -79,9 +86,10 @@ def local_jacobian_kernel(local: Array, v_j: Array, higher: float) -> Array:
 
 @inner_kernel
 def hermite_weights(a: float, b: float) -> Array:
-    """(2, 2, 2) scalar weights of (xi, w) at the time a after state i and b before state j.
+    """Compute the weights (2, 2, 2) of (xi, w) at the time a after state i and b before state j.
 
-    The first is Lambda, the weight of state i's local variables, the second Omega, of state j's.
+    The first matrix is Lambda, the weight of state i's local variables. The second is Omega, the
+    weight of state j's.
     """
     dt = a + b
     s, r = a / dt, b / dt
@@ -95,7 +103,7 @@ def hermite_weights(a: float, b: float) -> Array:
 
 @inner_kernel
 def interpolated_local_kernel(v_i: Array, local_j: Array, weights: Array) -> Array:
-    """(12,) local variables (xi, w) around state i, of those of state j and the weights."""
+    """Interpolate the local variables (xi, w) around state i from those of both states, (12,)."""
     local = np.empty(12)
     for k in range(2):
         for n in range(6):
@@ -125,7 +133,7 @@ def retract_kernel(T_i: Array, local: Array, T: Array, v: Array) -> None:
 
 @inner_kernel
 def backward_adjoint_kernel(local: Array) -> Array:
-    """(6, 6) derivative of T_i Exp(xi) by T_i, xi fixed."""
+    """Compute the Jacobian of T_i Exp(xi) with respect to T_i at fixed xi, (6, 6)."""
     return se3_polynomial_kernel(local, adjoint_coefficients_kernel(local, RIGHT))
 
 
@@ -133,9 +141,10 @@ def backward_adjoint_kernel(local: Array) -> Array:
 def rows_by_states_kernel(
     rows: Array, first: int, local: Array, by_states_j: Array, weights: Array
 ) -> Array:
-    """(3, 24) derivative by both states of three errors, of their derivative by the pose between.
+    """Compute the Jacobian of three errors with respect to both states, (3, 24).
 
-    That is rows[first : first + 3, :6] times the derivative of T_i Exp(xi) by both states.
+    It is rows[first : first + 3, :6], the Jacobian with respect to the pose in between, times the
+    Jacobian of that pose T_i Exp(xi) with respect to both states.
     """
     jacobian = se3_polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
     by_pose_i = backward_adjoint_kernel(local)

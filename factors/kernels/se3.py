@@ -1,4 +1,4 @@
-"""SE(3) for one element at a time, inside numba code.
+"""Kernels of SE(3) for one element at a time, inside numba code.
 
 A 6 x 6 adjoint [[A, 0], [B, A]] of a twist or transform is the matrix A + eps B of dual numbers,
 eps^2 = 0, so that each formula of SO(3) holds on SE(3) once its numbers are dual (Study; Barfoot,
@@ -6,7 +6,7 @@ eps^2 = 0, so that each formula of SO(3) holds on SE(3) once its numbers are dua
 vector xi = phi + eps rho and W its cross product matrix, the adjoint of Exp(xi), both Jacobians and
 their inverses are 1 + p W + q W^2, where p and q depend only on the squared angle s.
 
-Arrays are C-contiguous float64, or the same kernel would be compiled again for another layout.
+Arrays are C-contiguous float64, because numba would compile a kernel again for another layout.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Compilation is what a first user waits for. Wrappers that nobody calls are left out, and kernels
-# take no integers, as each literal one would be compiled by itself.
+# Compilation delays the first run. Wrappers that nobody calls are therefore left out, and kernels
+# take no integers, because numba would compile them again for each literal integer.
 kernel = njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)
 inner_kernel = njit(  # called by kernels only
     cache=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True
 )
 
-LEFT, RIGHT = 1.0, -1.0  # the right ones are the left ones of -xi and have -p
+LEFT, RIGHT = 1.0, -1.0  # the right Jacobian is the left one of -xi, which has -p
 
-_SERIES_TERMS = 14  # 1e-17 of the first at an angle of pi
+_SERIES_TERMS = 14  # the last term is 1e-17 of the first at an angle of pi
 _SERIES_LIMIT = 10.0  # squared angle, a little above pi^2
 _INVERSE_FACTORIAL = np.array([1 / factorial(n) for n in range(2 * _SERIES_TERMS + 9)])
 
 
 @inner_kernel
 def stumpff_kernel(s: float) -> Array:
-    """(3, 9) Stumpff functions c_n(s) = sum_m (-s)^m / (2m + n)! and two derivatives, n = 0..8.
+    """Compute the Stumpff functions c_n(s), n = 0..8, and two derivatives, (3, 9).
 
-    c_0..c_3 are cos w, sin(w)/w, (1 - cos w)/w^2, (w - sin w)/w^3 of the angle w, s = w^2. No
-    derivative of the last columns is filled.
+    c_n(s) = sum_m (-s)^m / (2m + n)!. With s = w^2, c_0..c_3 are cos w, sin(w)/w, (1 - cos w)/w^2
+    and (w - sin w)/w^3 of the angle w. The derivatives of the last columns stay zero.
     """
     c = np.zeros((3, 9))
     if s < _SERIES_LIMIT:
@@ -60,7 +60,10 @@ def stumpff_kernel(s: float) -> Array:
 
 @inner_kernel
 def jacobian_coefficients_kernel(xi: Array, side: float) -> Array:
-    """(3, 2) p and q of the Jacobian and their two derivatives by s; `side` is LEFT or RIGHT."""
+    """Compute p and q of the Jacobian and two derivatives with respect to s, (3, 2).
+
+    `side` is LEFT or RIGHT.
+    """
     c = stumpff_kernel(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
     k = np.empty((3, 2))
     for n in range(3):
@@ -70,7 +73,7 @@ def jacobian_coefficients_kernel(xi: Array, side: float) -> Array:
 
 @inner_kernel
 def inverse_coefficients_kernel(xi: Array, side: float) -> Array:
-    """(3, 2) p and q of the Jacobian's inverse and their two derivatives by s."""
+    """Compute p and q of the inverse Jacobian and two derivatives with respect to s, (3, 2)."""
     c = stumpff_kernel(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
     k = np.zeros((3, 2))
     k[0, 0] = -0.5 * side
@@ -84,7 +87,10 @@ def inverse_coefficients_kernel(xi: Array, side: float) -> Array:
 
 @inner_kernel
 def adjoint_coefficients_kernel(xi: Array, side: float) -> Array:
-    """(3, 2) p and q of the adjoint of Exp(xi), or of Exp(-xi) on the RIGHT, and derivatives."""
+    """Compute p and q of the adjoint and two derivatives with respect to s, (3, 2).
+
+    The adjoint is that of Exp(xi) if `side` is LEFT, and of Exp(-xi) if it is RIGHT.
+    """
     c = stumpff_kernel(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
     k = np.empty((3, 2))
     for n in range(3):
@@ -94,7 +100,7 @@ def adjoint_coefficients_kernel(xi: Array, side: float) -> Array:
 
 @inner_kernel
 def se3_polynomial_kernel(xi: Array, k: Array) -> Array:
-    """(6, 6) matrix 1 + p W + q W^2 of a twist, W^2 = phi phi^T - s, on dual numbers."""
+    """Compute 1 + p W + q W^2 (6, 6) of a twist on dual numbers, with W^2 = phi phi^T - s."""
     p, q = k[0, 0], k[0, 1]
     s = xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
     ds = 2 * (xi[0] * xi[3] + xi[1] * xi[4] + xi[2] * xi[5])
@@ -112,10 +118,10 @@ def se3_polynomial_kernel(xi: Array, k: Array) -> Array:
 
 @inner_kernel
 def polynomial_derivative_kernel(xi: Array, k: Array, w: Array) -> Array:
-    """(6, 6) derivative of (1 + p W + q W^2) w by xi, w (6,) fixed.
+    """Compute the Jacobian of (1 + p W + q W^2) w with respect to xi at fixed w (6,), (6, 6).
 
-    Over SO(3) it is -p [w] + q (phi.w + phi w^T - 2 w phi^T) + 2 (p' phi x w + q' W^2 w) phi^T,
-    and here the same on dual numbers; names in d are dual parts.
+    On SO(3) it is -p [w] + q (phi.w + phi w^T - 2 w phi^T) + 2 (p' phi x w + q' W^2 w) phi^T. Here
+    the same formula is evaluated on dual numbers; names that start with d are dual parts.
     """
     s = xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
     ds = 2 * (xi[0] * xi[3] + xi[1] * xi[4] + xi[2] * xi[5])
@@ -159,7 +165,7 @@ def _add_cross_kernel(M: Array, p: float, dp: float, x: Array) -> None:
 
 @inner_kernel
 def exp_kernel(xi: Array) -> Array:
-    """(4, 4) transform of a twist."""
+    """Compute the transform (4, 4) of a twist."""
     k = adjoint_coefficients_kernel(xi, LEFT)
     rotation = se3_polynomial_kernel(xi, k)
     k = jacobian_coefficients_kernel(xi, LEFT)
@@ -175,7 +181,7 @@ def exp_kernel(xi: Array) -> Array:
 
 @inner_kernel
 def log_kernel(T: Array) -> Array:
-    """(6,) twist of a transform, rotation angle at most pi."""
+    """Compute the twist (6,) of a transform, rotation angle at most pi."""
     xi = np.zeros(6)
     _rotation_log(T, xi)
     inverse = se3_polynomial_kernel(xi, inverse_coefficients_kernel(xi, LEFT))
@@ -186,7 +192,7 @@ def log_kernel(T: Array) -> Array:
 
 @inner_kernel
 def _rotation_log(T: Array, xi: Array) -> None:
-    """Rotation vector into xi[:3], by the quaternion with the largest component (Shepperd)."""
+    """Write the rotation vector to xi[:3], by the largest quaternion component (Shepperd)."""
     trace = T[0, 0] + T[1, 1] + T[2, 2]
     q = np.empty(4)  # x, y, z, w
     i = 0
@@ -213,7 +219,7 @@ def _rotation_log(T: Array, xi: Array) -> None:
 
 @inner_kernel
 def relative_kernel(T_i: Array, T_j: Array) -> Array:
-    """(4, 4) transform T_i^-1 T_j."""
+    """Compute the transform T_i^-1 T_j, (4, 4)."""
     T = np.zeros((4, 4))
     for i in range(3):
         for k in range(3):
@@ -226,7 +232,7 @@ def relative_kernel(T_i: Array, T_j: Array) -> Array:
 
 @inner_kernel
 def multiply_kernel(A: Array, B: Array) -> Array:
-    """(6, 6) product of two matrices of the form [[A, 0], [B, A]], the dual number A + eps B."""
+    """Multiply two matrices (6, 6) of the form [[A, 0], [B, A]], the dual number A + eps B."""
     C = np.zeros((6, 6))
     for i in range(3):
         for k in range(3):
@@ -241,7 +247,7 @@ def multiply_kernel(A: Array, B: Array) -> Array:
 
 @inner_kernel
 def row_major_kernel(T: Array) -> Array:
-    """(4, 4) copy of a matrix as GTSAM gives it, column by column, for the kernels."""
+    """Copy a matrix (4, 4) from GTSAM's column-major to the kernels' row-major layout."""
     rows = np.empty((4, 4))
     for i in range(4):
         for j in range(4):
@@ -251,7 +257,7 @@ def row_major_kernel(T: Array) -> Array:
 
 @inner_kernel
 def copy_columns_kernel(A: Array, first: float, to: Array) -> None:
-    """Copy the columns from `first` on to a matrix of as many rows."""
+    """Copy the columns from `first` on to a matrix with the same number of rows."""
     start = int(first)
     for j in range(to.shape[1]):
         for i in range(to.shape[0]):

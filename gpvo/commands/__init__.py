@@ -1,1 +1,1 @@
-"""What each command of `gpvo` does."""
+"""The commands of `gpvo`."""

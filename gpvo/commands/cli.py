@@ -16,7 +16,7 @@ from gpvo.config import Configuration, configuration_text
 from gpvo.errors import InputError
 
 BAD_INPUT = 2
-"""Exit status."""
+"""Exit status for bad input."""
 
 app = typer.Typer(
     add_completion=False,
@@ -27,7 +27,7 @@ app = typer.Typer(
 
 
 def main() -> None:
-    """Entry point; bad input is one line on stderr and exit status 2."""
+    """Run the command line; bad input gives one line on stderr and exit status 2."""
     try:
         app()
     except InputError as error:

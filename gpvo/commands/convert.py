@@ -1,4 +1,4 @@
-"""`gpvo convert`: a recording written in another format."""
+"""`gpvo convert`: write a recording in another format."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def convert_recording(
     output: Annotated[Path, typer.Argument(help="File, or folder for DSEC.")],
     to: Annotated[
         Literal["mvsec", "dsec", "rosbag1", "mcap", "aedat4"] | None,
-        typer.Option(help="Format, where the ending of OUTPUT does not tell."),
+        typer.Option(help="Format, if the ending of OUTPUT does not determine it."),
     ] = None,
     calibration: Calibration = None,
     left_topic: LeftTopic = None,

@@ -27,7 +27,7 @@ def evaluate(
     output: Output = None,
     calibration: Calibration = None,
     step: Annotated[
-        float | None, typer.Option(help="Compare every so many seconds, not at the states.")
+        float | None, typer.Option(help="Compare every STEP seconds, not at the states.")
     ] = None,
     truth_between: Annotated[
         Literal["linear", "gp"], typer.Option(help="How the ground truth is interpolated.")
@@ -78,9 +78,9 @@ def evaluate_command(
     output
         Folder for the report; nothing is written without it.
     protocol
-        How to compare.
+        Protocol of the comparison.
     calibration
-        For ground truths of the raw camera (MVSEC) or of another body (DSEC, TUM-VIE, VECtor).
+        File for ground truths of the raw camera (MVSEC) or of another body (DSEC, TUM-VIE, VECtor).
     console
         Where to print; the terminal by default.
 
@@ -107,7 +107,7 @@ def evaluate_command(
 
 
 def parse_competitor(text: str) -> tuple[str, Path]:
-    """Name and file of "NAME=FILE"."""
+    """Split "NAME=FILE" into name and file."""
     name, separator, file = text.partition("=")
     if not (name and separator and file):
         raise InputError(f"--against {text}: expected NAME=FILE")
@@ -117,7 +117,7 @@ def parse_competitor(text: str) -> tuple[str, Path]:
 def load_contenders(
     sources: SequenceSources, calibration: Path | None, at_competitor: bool
 ) -> list[Contender]:
-    """Read the poses; with competitors, the first estimate is asked at the first one's states."""
+    """Read the poses; `at_competitor` selects the states of `at_states_of_competitor`."""
     contenders = [
         Contender(one.name, *one.load(calibration), cost=read_cost(one.estimate))
         for one in sources.estimates
@@ -126,9 +126,9 @@ def load_contenders(
 
 
 def at_states_of_competitor(contenders: Sequence[Contender]) -> list[Contender]:
-    """Ask the first estimate, and every continuous one, at the states of the first competitor.
+    """Compare the first estimate, and every continuous one, at the first competitor's states.
 
-    Continuous competitors have no states to compare at; where all are continuous, nothing changes.
+    Continuous competitors have no states to compare at; if all are continuous, nothing changes.
     """
     first, *others = contenders
     reference = next((one for one in [*others, first] if not one.continuous), None)
@@ -141,7 +141,7 @@ def at_states_of_competitor(contenders: Sequence[Contender]) -> list[Contender]:
 
 
 def print_comparison(comparison: Comparison, console: Console) -> None:
-    """Tables of one sequence, how they were made, and what looks wrong."""
+    """Print the tables of one sequence, how they were computed, and warnings."""
     for table in comparison.tables():
         console.print(to_rich(table))
     for warning in comparison.warnings():

@@ -1,4 +1,4 @@
-"""`gpvo info`: what a recording holds, and what is wrong with it."""
+"""`gpvo info`: the contents and faults of a recording."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
 from gpvo.recordings.checks.clock_offset import clock_offset
 
 GAP_SECONDS = 0.05
-"""A moving camera, and even the noise of one at rest, is never silent for so long."""
+"""Longest normal time between events, seconds; even a camera at rest has noise events."""
 
 GROUND_TRUTH = (
     "*_gt.hdf5",
@@ -36,7 +36,7 @@ GROUND_TRUTH = (
     "pose.bag",
     "*odometry*/pose.bag",
 )
-"""Names of ground truths, looked for beside the recording."""
+"""Patterns of the names of ground truths beside the recording."""
 
 
 def info(
@@ -52,7 +52,7 @@ def info(
 def info_command(
     path: Path, calibration: Path | None, left: str | None, right: str | None, console: Console
 ) -> None:
-    """Read a recording once and print what was found."""
+    """Read a recording once and print its summary."""
     recording, calibrated = open_for_info(path, calibration, left, right)
     with reading_progress(console, recording.duration) as advance:
         summary = summarise(recording, calibrated, advance)
@@ -64,20 +64,20 @@ def info_command(
 
 @dataclass
 class CameraEvents:
-    """What the events of one camera look like.
+    """Statistics of the events of one camera.
 
     Attributes
     ----------
     count
         Number of events.
     on
-        Number of those that became brighter.
+        Number of events of pixels that became brighter.
     first, last
         Seconds since the recording's start.
     reach
         Smallest sensor that holds all events, (width, height).
     gaps
-        (start, seconds) of the times without events.
+        (start, duration) of the times without events, seconds.
     per_millisecond
         Number of events in every millisecond.
     """
@@ -91,7 +91,7 @@ class CameraEvents:
     per_millisecond: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def add(self, events: Events) -> None:
-        """Take further events into account."""
+        """Add events to the statistics."""
         if len(events) == 0:
             return
         before = events.t[0] if np.isnan(self.last) else self.last
@@ -112,7 +112,7 @@ class CameraEvents:
         self.per_millisecond = counts
 
     def row(self) -> list[str]:
-        """Cells of the table: events, rate, share of ON, first, last, gaps."""
+        """Return the cells of the table: events, rate, share of ON, first, last, gaps."""
         span = max(self.last - self.first, 1e-9)
         longest = max((seconds for _, seconds in self.gaps), default=0.0)
         return [
@@ -127,7 +127,7 @@ class CameraEvents:
 
 @dataclass(frozen=True)
 class Summary:
-    """All that `gpvo info` prints."""
+    """Contents and faults of a recording."""
 
     recording: Recording
     calibrated: bool
@@ -137,7 +137,7 @@ class Summary:
     warnings: list[str]
 
     def tables(self) -> list[Table]:
-        """The recording, its cameras."""
+        """Return the tables of the recording and of its cameras."""
         about = Table(show_header=False, title=str(self.recording.path))
         for name, value in self._facts():
             about.add_row(name, value)
@@ -147,7 +147,7 @@ class Summary:
         return [about, cameras]
 
     def _stated_sensor(self) -> str:
-        """Size that the file states, or the smallest that the events allow."""
+        """Format the size that the file states, or the smallest that holds all events."""
         streams = getattr(self.recording, "streams", {})
         stated = streams["left"].resolution if streams else None
         width, height = stated or np.maximum(self.left.reach, self.right.reach)
@@ -176,7 +176,7 @@ class Summary:
 def open_for_info(
     path: Path, calibration: Calibration, left: str | None, right: str | None
 ) -> tuple[Recording, bool]:
-    """A recording, and whether it is calibrated; without a calibration it is looked at, too."""
+    """Open a recording, also without a calibration, and return whether it has one."""
     try:
         return open_recording(path, calibration, left, right), True
     except MissingCalibrationError:
@@ -188,7 +188,7 @@ def summarise(
     calibrated: bool = True,
     advance: Callable[[float], object] = lambda _: None,
 ) -> Summary:
-    """Read a whole recording once.
+    """Read a whole recording once and summarise it.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def summarise(
 
 
 def ground_truths(recording: Recording) -> list[str]:
-    """Ground truths beside a recording, each with its span or what is wrong with it."""
+    """Describe the ground truths beside a recording, each with its span or its fault."""
     path = recording.path.absolute()
     folder = path if path.is_dir() else path.parent
     lines = []

@@ -1,4 +1,4 @@
-"""What commands are given: their options, the configuration, the ground truth."""
+"""Inputs of the commands: options, configuration and ground truth."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from gpvo.recordings import Recording
 from gpvo.trajectory import StampedPoses
 
 console = Console()
-"""Where commands print."""
+"""Console that the commands print to."""
 
 Output = Annotated[Path | None, typer.Option(help="Folder for the results.")]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all random choices.")]
 Calibration = Annotated[
     Path | None,
-    typer.Option(help="kalibr, DSEC, basalt, CameraInfo, M3ED; if not in or beside it."),
+    typer.Option(help="kalibr, DSEC, basalt, CameraInfo, M3ED; default: in or beside RECORDING."),
 ]
 Config = Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")]
 LeftTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the left camera.")]
@@ -30,7 +30,7 @@ GroundTruth = Annotated[Path | None, typer.Option(help="True poses: MVSEC HDF5, 
 
 
 def configured(config: Path | None, seed: int | None) -> Configuration:
-    """The configuration of the file or the default one, with another seed if one is given."""
+    """Return the configuration of the file or the default one, with the seed if one is given."""
     configuration = load_configuration(config) if config else Configuration()
     return configuration if seed is None else configuration.model_copy(update={"seed": seed})
 
@@ -38,7 +38,7 @@ def configured(config: Path | None, seed: int | None) -> Configuration:
 def load_ground_truth(
     path: Path, recording: Recording, calibration: Path | None = None
 ) -> StampedPoses:
-    """Poses of the ground truth, checked to share time with the recording."""
+    """Read the ground truth; InputError if it has no time in common with the recording."""
     beside = [place for place in (calibration, recording.path) if place is not None]
     poses = load_poses(path, recording.rig, beside)
     end_ns = recording.stamp_ns(recording.duration)
@@ -51,7 +51,7 @@ def load_ground_truth(
 
 
 def check_start(recording: Recording, start: float) -> None:
-    """Raise InputError if there is nothing of the recording from `start` (seconds) on."""
+    """Raise InputError if the recording ends before `start`, seconds."""
     if start >= recording.duration:
         raise InputError(
             f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"

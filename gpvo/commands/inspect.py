@@ -1,4 +1,4 @@
-"""`gpvo inspect`: the front end held against the truth."""
+"""`gpvo inspect`: comparison of the front end with the truth."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def inspect_front_end(
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
 ) -> None:
-    """Hold features, tracklets, times and MC-RANSAC against the truth: table, JSON, plots."""
+    """Compare features, tracklets, times and MC-RANSAC with the truth: table, JSON, plots."""
     is_simulation = recording.suffix in (".yaml", ".yml")
     opened: Recording = (
         simulated(recording)

@@ -1,4 +1,4 @@
-"""The trajectory on disk while it is estimated, so that a crash or a kill loses little."""
+"""Trajectory file that grows during the estimation, so that a crash or a kill loses little."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from gpvo.odometry import Odometry
 from gpvo.trajectory.tum import TumWriter
 
 UNFINISHED = "unfinished: the poses that were final when gpvo run last wrote, or was stopped"
-"""First line of the file, a comment; a finished file has none."""
+"""Comment in the first line of an unfinished file; a finished file has none."""
 
 
 class LiveFile:
-    """Appends poses to a TUM file as soon as they are final, whole lines at a time.
+    """TUM file to which poses are appended as soon as they are final, in whole lines.
 
-    If the recording turns out to be faulty the file is removed, so that it is not taken for a
+    If the recording turns out to be faulty, the file is removed, so that it is not mistaken for a
     result.
     """
 
@@ -31,7 +31,7 @@ class LiveFile:
         return self
 
     def append_final(self) -> None:
-        """Append what has become final since the last call."""
+        """Append the poses that have become final since the last call."""
         final = self._odometry.estimator.final_states(self._last)
         for t, T_world_cam in zip(final.t.tolist(), final.T_world_cam, strict=True):
             self._writer.append(self._start_ns + round(t * 1e9), T_world_cam)

@@ -14,7 +14,7 @@ from gpvo.odometry import ClusterReport
 
 
 class RunProgress:
-    """A bar of recording time with events per second, tracklets and real-time factor."""
+    """Progress bar over recording time with events per second, tracklets and real-time factor."""
 
     def __init__(self, console: Console, start: float, stop: float) -> None:
         self._start, self._stop = start, stop
@@ -35,7 +35,7 @@ class RunProgress:
         return self
 
     def advance(self, report: ClusterReport) -> None:
-        """Show that a cluster is done."""
+        """Advance the bar by one finished cluster."""
         self._events += report.events
         spent = time.perf_counter() - self._began
         done = report.stop - self._start
@@ -56,7 +56,7 @@ class RunProgress:
 
 @contextmanager
 def reading_progress(console: Console, duration: float) -> Iterator[Callable[[float], None]]:
-    """A bar of recording time that vanishes at the end."""
+    """Show a progress bar over recording time that vanishes at the end."""
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("reading", total=duration)
         yield lambda seconds: bar.update(task, completed=seconds)

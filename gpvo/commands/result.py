@@ -1,4 +1,4 @@
-"""What a run leaves: the trajectory, its configuration, metrics and plots in one folder."""
+"""Result of a run: trajectory, configuration, metrics and plots in one folder."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ STEP = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A finished run, and its errors if there was a ground truth."""
+    """Result of a finished run, with its errors if there is a ground truth."""
 
     trajectory: Trajectory
     reports: list[ClusterReport]
@@ -59,7 +59,7 @@ class Result:
         self.trajectory.export_tum(folder / "trajectory.tum")
 
     def metrics(self) -> dict[str, Any]:
-        """Numbers of the run by name; those of time spent are not among them."""
+        """Return the numbers of the run by name, except those of time spent."""
         run = {
             "start_s": self.trajectory.start,
             "stop_s": self.trajectory.stop,
@@ -76,7 +76,7 @@ class Result:
         return {"run": run, "errors": errors, "diagnostics": diagnostics}
 
     def table(self) -> Table:
-        """Summary of the run."""
+        """Return a table that summarises the run."""
         run = self.metrics()["run"]
         duration = self.reports[-1].stop - self.reports[0].start
         rows = {
@@ -118,7 +118,7 @@ class Result:
 
 
 def evaluate_trajectory(trajectory: Trajectory, ground_truth: StampedPoses) -> Evaluation:
-    """The paper's errors every `STEP` seconds, the trajectory asked at exactly those times.
+    """Compute the paper's errors every `STEP` seconds, with the trajectory evaluated exactly there.
 
     Raises
     ------

@@ -77,12 +77,12 @@ def run_and_write(
     start: float = 0.0,
     duration: float = np.inf,
 ) -> None:
-    """Estimate the motion from `start` for `duration` seconds and leave a result folder.
+    """Estimate the motion from `start` for `duration` seconds and write a result folder.
 
     Raises
     ------
     InputError
-        If there is nothing at `start`, the folder cannot be written or the events are faulty.
+        If the recording ends before `start`, the folder cannot be written or the events are faulty.
     """
     check_start(recording, start)
     folder = make_folder(folder, FILES)

@@ -15,23 +15,23 @@ Fields = TypeVar("Fields", bound=StageConfig)
 
 
 def load_configuration(path: Path | str) -> Configuration:
-    """Read a YAML file that holds any part of what `gpvo config` prints.
+    """Read a YAML file with some or all of the fields that `gpvo config` prints.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or naming the field that is unknown or has a bad value.
+        If the file cannot be read, or a field is unknown or has a bad value; the message names it.
     """
     return load_fields(path, Configuration, "`gpvo config` prints all fields and their defaults")
 
 
 def load_fields(path: Path | str, model: type[Fields], advice: str) -> Fields:
-    """Read a YAML file that holds some of a model's fields; errors end in the advice.
+    """Read a YAML file with some of a model's fields; error messages end with `advice`.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or naming the field that is unknown or has a bad value.
+        If the file cannot be read, or a field is unknown or has a bad value; the message names it.
     """
     try:
         content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -47,7 +47,7 @@ def load_fields(path: Path | str, model: type[Fields], advice: str) -> Fields:
 
 
 def configuration_text(configuration: Configuration, described: bool = False) -> str:
-    """The configuration as YAML, with a comment above each field if `described`."""
+    """Format the configuration as YAML, with a comment above each field if `described`."""
     return "".join(f"{line}\n" for line in _lines(configuration, described, ""))
 
 

@@ -1,4 +1,4 @@
-"""How good an estimate is: the paper's errors, evo's numbers, tables, plots and reports."""
+"""Evaluation of estimates: the paper's errors, ATE and RPE like evo's, tables, plots, reports."""
 
 from gpvo.evaluation.evaluate import Evaluation, common_stamps, evaluate
 from gpvo.evaluation.metrics.alignment import Alignment, find_alignment

@@ -1,4 +1,4 @@
-"""Several estimates of one sequence against its ground truth."""
+"""Comparison of several estimates of one sequence with its ground truth."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from gpvo.evaluation.report.weak_stretches import Stretch, weak_stretches
 from gpvo.trajectory import StampedPoses
 
 STRANGE_ROTATION = 0.35
-"""Radians (20 degrees) off on the median: rather another body frame than an error."""
+"""Median rotation error, rad (20 degrees), above which another body frame is likely."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,19 +38,19 @@ class Comparison:
     Attributes
     ----------
     sequence
-        Its name, for titles.
+        Name of the sequence, for titles.
     evaluations
-        Of the estimates at hand.
+        Evaluations of the estimates.
     conditions
-        A sentence on how the numbers were made.
+        Sentence on how the numbers were computed.
     time_offsets
-        Seconds by name that were added to the stamps.
+        Seconds added to the stamps, by name of the estimate.
     stretches
-        Where the estimate of interest had little to go by.
+        Where the estimate of interest has few measurements or none.
     published
-        Rows of others without an estimate at hand, for the paper's tables.
+        Published rows of other systems, for the paper's tables.
     costs
-        What the estimates cost, where that is known.
+        Costs by name of the estimate, where known.
     """
 
     sequence: str
@@ -62,7 +62,7 @@ class Comparison:
     costs: dict[str, Cost] = field(default_factory=dict)
 
     def tables(self) -> list[ResultTable]:
-        """The paper's Tables I and II, evo's numbers, and what it cost."""
+        """Return the paper's Tables I and II, ATE and RPE, and the cost."""
         rows = [*map(ErrorRow.of, self.evaluations), *self.published]
         tables = [
             global_error_table(rows, self.sequence),
@@ -72,7 +72,7 @@ class Comparison:
         return [*tables, cost_table(self.costs, self.sequence)] if self.costs else tables
 
     def notes(self) -> list[str]:
-        """How the numbers were made, and on which machines."""
+        """Return how the numbers were computed, and on which machines."""
         machines = [
             f"Cost of {name}: {machine_text(cost.machine)}; compilation and reading included."
             for name, cost in self.costs.items()
@@ -81,7 +81,7 @@ class Comparison:
         return [self.conditions, *machines]
 
     def warnings(self) -> list[str]:
-        """What looks wrong."""
+        """Return warnings about results that look wrong."""
         return [
             f"{evaluation.name}: orientations are far from the ground truth's, positions aligned;"
             " if it describes another body than the camera, use --align-body rotation"
@@ -90,7 +90,7 @@ class Comparison:
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers by name; those of time spent are not among them."""
+        """Return all numbers by name, except those of time spent."""
         return {
             "sequence": self.sequence,
             "conditions": self.conditions,
@@ -114,9 +114,9 @@ def compare(
     contenders
         The estimate of interest, then its competitors.
     protocol
-        How to compare.
+        Protocol of the comparison.
     published
-        Rows that the paper's tables shall have too.
+        Published rows of other systems, for the paper's tables.
     """
     protocol = protocol or Protocol()
     offsets: dict[str, float] = {}
@@ -160,7 +160,7 @@ def _evaluate(contender: Contender, protocol: Protocol, offsets: Mapping[str, fl
 def _stamps(
     contender: Contender, protocol: Protocol, offsets: Mapping[str, float]
 ) -> NDArray[np.int64]:
-    """Where to compare, by the ground truth's clock."""
+    """Return the stamps at which to compare, on the ground truth's clock."""
     states = _later(contender.estimate, _offset_ns(contender, offsets))
     other = contender.at_states_of
     if protocol.step is not None:
@@ -175,7 +175,7 @@ def _stamps(
 def _asked_at(
     stamps_ns: NDArray[np.int64], contender: Contender, offsets: Mapping[str, float]
 ) -> StampedPoses:
-    """The estimate at those of the stamps that the ground truth covers too, both by its clock."""
+    """Return the estimate at those stamps that both cover; stamps are on the truth's clock."""
     offset_ns = _offset_ns(contender, offsets)
     states = _later(contender.estimate, offset_ns)
     inside_ns = common_part(stamps_ns, states, contender.ground_truth)

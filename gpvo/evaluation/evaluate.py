@@ -1,4 +1,4 @@
-"""Everything that one estimate's evaluation says, from two trajectories."""
+"""Evaluation of one estimate against the ground truth."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ ATE_ALIGNMENTS: tuple[AlignmentMethod, ...] = ("se3", "sim3", "yaw", "first", "n
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """The errors of one estimate; `evaluation_tables` prints them, `to_json` saves them.
+    """Errors of one estimate, as tables by `evaluation_tables` and as JSON by `to_json`.
 
     Attributes
     ----------
     name
-        What the tables call the estimate.
+        Name of the estimate in tables.
     estimate, ground_truth
-        Poses at the same stamps; the estimate's first pose is moved onto the true one.
+        Poses at the same stamps; the estimate is aligned by its first pose.
     global_error, relative_error
-        The paper's errors; the relative one lacks the first stamp.
+        The paper's errors, N global and N - 1 relative ones.
     ate
         Absolute trajectory error by alignment method.
     rpe
         Relative pose error over one second and over one metre.
     segments
-        Drift by length of the segment.
+        Drift by segment length.
     coverage
-        Part of the ground truth's time that the estimate covers, 0 to 1.
+        Fraction of the ground truth's time that the estimate covers, 0 to 1.
     """
 
     name: str
@@ -68,12 +68,12 @@ class Evaluation:
 
     @property
     def path_length(self) -> float:
-        """Metres that the ground truth travels."""
+        """Path length of the ground truth, metres."""
         return motion_integrals(self.ground_truth)["translation"]
 
     @property
     def distances(self) -> NDArray[np.float64]:
-        """(N,) metres that the ground truth has travelled at every stamp."""
+        """(N,) distance that the ground truth has travelled at every stamp, metres."""
         return pose_progress(self.ground_truth, "metres")
 
     @property
@@ -82,7 +82,7 @@ class Evaluation:
         return self.segments[-1].translation_percent if self.segments else float("nan")
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers by name; what is undefined (percent of a path at rest) is None."""
+        """Return all numbers by name; undefined ones (percent of a path at rest) are None."""
         stamps_ns = self.estimate.stamps_ns
         return _without_nan(
             {
@@ -102,7 +102,7 @@ class Evaluation:
         )
 
     def to_json(self) -> str:
-        """The numbers as indented JSON."""
+        """Return the numbers as indented JSON."""
         return json.dumps(self.to_dict(), indent=2) + "\n"
 
 
@@ -124,22 +124,22 @@ def evaluate(
     estimate, ground_truth
         T_world_cam of the same camera, each in a world frame of its own.
     name
-        What the tables call the estimate.
+        Name of the estimate in tables.
     stamps_ns
-        Where to compare, for instance at a competitor's states; those outside the common time
-        are left out. By default every `step` seconds of the common time.
+        Stamps at which to compare, for instance a competitor's states; those outside the common
+        time are left out. By default every `step` seconds of the common time.
     aligned_at
         Frame transform of the relative error, see `relative_error`.
     pair
-        Estimated and true poses for ATE, RPE and drift, for instance those associated as by evo;
-        by default the compared ones.
+        Associated estimated and true poses for ATE, RPE and drift, for instance associated like
+        evo does; by default the compared poses.
     truth_between
-        How the ground truth is interpolated: "linear", as in the paper, or by the Gaussian process.
+        Interpolation of the ground truth: "linear" as in the paper, or "gp", the Gaussian process.
 
     Raises
     ------
     InputError
-        If the two have less than two stamps in common.
+        If the two have fewer than two stamps in common.
     """
     if stamps_ns is None:
         stamps_ns = common_stamps(estimate, ground_truth, step)
@@ -168,7 +168,7 @@ def evaluate(
 def common_stamps(
     estimate: StampedPoses, ground_truth: StampedPoses, step: float = 0.01
 ) -> NDArray[np.int64]:
-    """Stamps every `step` seconds of the time that both cover, its end left out."""
+    """Return stamps every `step` seconds of the common time, without its end."""
     start, stop = common_interval(estimate, ground_truth)
     return np.arange(start, stop, round(step * 1e9), dtype=np.int64)
 

@@ -1,4 +1,4 @@
-"""How a comparison is made, and who takes part in it."""
+"""Protocol of a comparison, and the estimates that take part in it."""
 
 from __future__ import annotations
 
@@ -23,30 +23,31 @@ STEP = 0.01
 """Seconds between the poses of a continuous trajectory that are compared."""
 
 STEP_RESOLUTION = 1e-6
-"""Shortest step that makes sense, seconds."""
+"""Shortest allowed step, seconds."""
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """How estimates are compared with the ground truth.
+    """Options of the comparison of estimates with the ground truth.
 
     Attributes
     ----------
     step
-        Compare every so many seconds. None, as in the paper: at each contender's states, see
-        `Contender`.
+        Seconds between compared poses. None as in the paper: compare at each contender's states,
+        see `Contender`.
     truth_between
-        How the ground truth is interpolated, see `evaluate`.
+        Interpolation of the ground truth, see `evaluate`.
     association
-        Poses for ATE, RPE and drift: the "nearest" in time, as evo takes them, or the denser
-        trajectory "interpolated" at the sparser one's stamps.
+        Poses for ATE, RPE and drift: the "nearest" in time, like evo's, or the denser trajectory
+        "interpolated" at the stamps of the sparser one.
     max_difference
-        Seconds that the nearest may be away; None: 0.02, or 0.3 intervals of a sparse truth.
+        Largest time between associated poses, seconds. None: 0.02, or 0.3 intervals of a sparse
+        truth.
     aligned_at
         Frame transform of the relative error, see `relative_error`.
     align_body
-        First remove the constant "rotation" (or "full" offset) between the body whose motion was
-        estimated and the one of the ground truth.
+        First remove the constant "rotation", or the "full" transform, between the estimated body
+        and the ground truth's.
     align_time
         First remove the constant offset between the clocks.
 
@@ -73,19 +74,19 @@ class Protocol:
     def pair(
         self, estimate: StampedPoses, ground_truth: StampedPoses
     ) -> tuple[StampedPoses, StampedPoses]:
-        """Poses that belong together."""
+        """Return the associated poses of the estimate and of the ground truth."""
         if self.association == "interpolated":
             return resample(estimate, ground_truth)
         return associate(estimate, ground_truth, self.tolerance(ground_truth))
 
     def tolerance(self, ground_truth: StampedPoses) -> float:
-        """Seconds that associated poses may differ."""
+        """Return the largest time between associated poses, seconds."""
         if self.max_difference is None:
             return tolerance_for(ground_truth)
         return self.max_difference
 
     def describe(self, contenders: Sequence[Contender]) -> str:
-        """One sentence to stand below the tables."""
+        """Return a sentence on the comparison, for below the tables."""
         where = f"every {self.step:g} s" if self.step else places(contenders)
         between = "by the Gaussian process" if self.truth_between == "gp" else "linearly"
         text = f"Compared {where}, first poses aligned, ground truth interpolated {between}; "
@@ -101,10 +102,11 @@ class Protocol:
 
 @dataclass(frozen=True)
 class Contender:
-    """An estimate and the ground truth that it is compared with.
+    """An estimate and its ground truth.
 
-    It is compared at its own states, a continuous trajectory every 0.01 s, or at those of another
-    contender: the paper takes the competitor's, so that both have the same time between poses.
+    A discrete estimate is compared at its own states, a continuous one every 0.01 s. With
+    `at_states_of` it is compared at the states of another contender: the paper uses the
+    competitor's states, so that both have the same time between poses.
     """
 
     name: str
@@ -115,19 +117,19 @@ class Contender:
 
     @property
     def continuous(self) -> bool:
-        """Whether the estimate can be asked at any time."""
+        """Whether the estimate can be evaluated at any time."""
         return isinstance(self.estimate, ContinuousPoses)
 
     @property
     def place(self) -> str:
-        """Where it is compared, in words."""
+        """Description of the stamps at which the estimate is compared."""
         if self.at_states_of is not None:
             return f"at the states of {self.at_states_of.name}"
         return f"every {STEP:g} s" if self.continuous else "at each estimate's own states"
 
 
 def places(contenders: Sequence[Contender]) -> str:
-    """Where they are compared, in words."""
+    """Describe the stamps at which the estimates are compared."""
     groups: dict[str, list[str]] = {}
     for contender in contenders:
         groups.setdefault(contender.place, []).append(contender.name)

@@ -1,4 +1,4 @@
-"""Events become clusters with surfaces of active events, section III-A.1 of the paper."""
+"""Clustering of events into surfaces of active events, section III-A.1 of the paper."""
 
 from gpvo.events.clustering import (
     ClusterEvents,

@@ -22,7 +22,7 @@ from gpvo.recordings import Events, StereoEvents, StereoRig
 
 @dataclass(frozen=True, eq=False)
 class RectifiedEvents(ArrayTable):
-    """Events of one camera in order of time, where rectification puts them.
+    """Events of one camera in order of time, at their rectified pixels.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class RectifiedEvents(ArrayTable):
 
     @staticmethod
     def empty() -> RectifiedEvents:
-        """No events."""
+        """Return a table without events."""
         return RectifiedEvents(np.empty((0, 2)), np.empty(0), np.empty(0, bool))
 
 
@@ -53,9 +53,9 @@ class ClusterEvents:
     surface_of_active_events
         (height, width) float64 time of the latest event of each pixel, seconds; -inf where none.
     event_count
-        Number of events in the cluster, those that rectify to outside the image included.
+        Number of events in the cluster, including those that rectify to outside the image.
     events
-        Makes the rectified events, for trackers that want them one by one.
+        Function that returns the rectified events, for trackers that process them one by one.
     """
 
     surface_of_active_events: NDArray[np.float64]
@@ -64,11 +64,14 @@ class ClusterEvents:
 
     @property
     def binary_frame(self) -> NDArray[np.uint8]:
-        """(height, width) image that is 255 where there was an event, of either polarity."""
+        """Image (height, width) that is 255 at pixels with an event of either polarity, else 0."""
         return np.where(np.isfinite(self.surface_of_active_events), 255, 0).astype(np.uint8)
 
     def time_surface(self, start: float, stop: float) -> NDArray[np.uint8]:
-        """(height, width) image from 1 at `start` to 255 at `stop` for the latest event, else 0."""
+        """Compute the image (height, width) of the latest event times, 0 at pixels without events.
+
+        The value grows linearly from 1 at `start` to 255 at `stop`.
+        """
         age = (self.surface_of_active_events - start) / (stop - start)
         level = np.rint(1 + 254 * np.clip(age, 0, 1))
         return np.where(np.isfinite(age), level, 0).astype(np.uint8)
@@ -90,8 +93,8 @@ def cluster_events(
     """Cut a stereo event stream into clusters.
 
     A cluster ends after `config.window` seconds, or as soon as either camera has
-    `config.max_events` events or contours `config.max_thickness` pixels thick. A last one that the
-    stream fills less than half is dropped.
+    `config.max_events` events or contours `config.max_thickness` pixels thick. The last cluster is
+    dropped if the stream fills less than half of it.
     """
 
     def cluster(start: float, stop: float) -> StereoCluster:
@@ -124,7 +127,10 @@ def cluster_events(
 def _cluster_end(
     sides: tuple[Events, Events], rig: StereoRig, start: float, config: ClusteringConfig
 ) -> float:
-    """End of the cluster that begins at `start`: just after the event that fills it, if any."""
+    """Return the end of the cluster that begins at `start`, in seconds.
+
+    If events fill the cluster before its window ends, it ends just after the event that fills it.
+    """
     stop = start + config.window
     for events, camera in zip(sides, (rig.left, rig.right), strict=True):
         full = config.max_events
@@ -153,7 +159,7 @@ def rectified_cluster(
 def rectify(
     events: Events, table: NDArray[np.float32], resolution: tuple[int, int]
 ) -> RectifiedEvents:
-    """The events that rectification leaves in the image; arguments as of `rectified_cluster`."""
+    """Rectify events and drop those outside the image; parameters like `rectified_cluster`."""
     points, inside = np.empty((len(events), 2)), np.empty(len(events), np.bool_)
     _rectify(events.x, events.y, table, resolution, points, inside)
     return RectifiedEvents(points[inside], events.t[inside], events.polarity[inside])

@@ -1,8 +1,8 @@
-"""How thick the contours are that events have painted: what an adaptive cluster ends by.
+"""Thickness of the contours that events have painted, which ends an adaptive cluster.
 
 A contour that has moved by N pixels leaves a band N pixels wide. A band of width w and length l has
-the area w l and the perimeter 2 l, so that twice the area over the perimeter tells w, whatever the
-speed, the texture and the number of pixels.
+the area w l and the perimeter 2 l. Therefore w = 2 area / perimeter, independent of speed, texture
+and number of pixels.
 """
 
 from __future__ import annotations
@@ -12,16 +12,18 @@ from numba import njit
 from numpy.typing import NDArray
 
 BLOCK = 2
-"""Side of the squares that are painted, pixels: faint contours leave gaps of a pixel."""
+"""Side of the painted squares, pixels; it closes the gaps of a pixel that faint contours leave."""
 
 
 def events_until_thick(
     x: NDArray[np.uint16], y: NDArray[np.uint16], resolution: tuple[int, int], thickness: float
 ) -> int:
-    """Number of events, the first of (N,) at columns x and rows y, that paint bands so wide.
+    """Count the events that paint bands of a given thickness.
 
     Parameters
     ----------
+    x, y
+        (N,) columns and rows of the events, in order of time.
     resolution
         Width and height of the sensor, pixels.
     thickness
@@ -30,7 +32,7 @@ def events_until_thick(
     Returns
     -------
     int
-        N + 1 if the bands stay thinner.
+        Number of events, counted from the first; N + 1 if the bands stay thinner.
     """
     width, height = (side // BLOCK + 3 for side in resolution)
     painted = np.zeros((height, width), np.bool_)

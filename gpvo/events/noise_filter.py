@@ -1,4 +1,4 @@
-"""Filters of single events, before they are clustered: background activity and hot pixels."""
+"""Filters of single events before clustering: background activity and hot pixels."""
 
 from __future__ import annotations
 
@@ -10,25 +10,26 @@ from gpvo.config import ClusteringConfig
 from gpvo.recordings import Events
 
 LEAST_HOT = 20
-"""Events of a pixel below which it is not judged hot."""
+"""Number of events up to which a pixel is never judged hot."""
 
 
 class EventFilter:
-    """Drops one camera's noise; remembers its pixels from batch to batch.
+    """Noise filter of one camera, which remembers its pixels between batches.
 
-    Background activity: Delbruck, "Frame-free dynamic digital vision", 2008.
+    The filter of background activity is that of Delbruck, "Frame-free dynamic digital vision",
+    2008.
     """
 
     def __init__(self, resolution: tuple[int, int], config: ClusteringConfig) -> None:
         width, height = resolution
-        # A border of one pixel, so that every pixel has eight around it.
+        # A border of one pixel, so that every pixel has eight neighbours.
         self._latest = np.full((height + 2, width + 2), -np.inf)
         self._count = np.zeros((height + 2, width + 2))
         self._background = config.background_filter
         self._hot = config.hot_pixel_ratio
 
     def __call__(self, events: Events) -> Events:
-        """The events that are no noise."""
+        """Return the events that are not noise."""
         if self._background == 0 and self._hot == 0:
             return events
         keep = np.empty(len(events), np.bool_)

@@ -1,4 +1,4 @@
-"""Outliers are rejected by one constant velocity, section III-B of the paper."""
+"""Outlier rejection by one constant velocity, section III-B of the paper."""
 
 from gpvo.mc_ransac.fast import fast_mc_ransac
 from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac

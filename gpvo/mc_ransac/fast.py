@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 def fast_mc_ransac(
     segments: Segments, camera: StereoCamera, config: McRansacConfig, rng: np.random.Generator
 ) -> Array:
-    """Velocity (6,) of the random sample that explains most segments, section III-B.1."""
+    """Find the velocity (6,) of the random sample that explains most segments, section III-B.1."""
     points = camera.triangulate(segments.earlier)
     displacements = camera.triangulate(segments.later) - points
     return best_sample_velocity(
@@ -34,7 +34,7 @@ def fast_mc_ransac(
 def random_samples(
     count: int, size: int, iterations: int, rng: np.random.Generator
 ) -> NDArray[np.int64]:
-    """(iterations, size) indices below `count`, uniform and distinct within a row."""
+    """Draw indices (iterations, size) below `count`, uniform and distinct within a row."""
     samples = rng.integers(0, count - np.arange(size), size=(iterations, size))
     for column in range(1, size):
         for earlier in np.sort(samples[:, :column], axis=1).T:

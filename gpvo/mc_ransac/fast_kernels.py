@@ -1,4 +1,4 @@
-"""The inner loop of fast MC-RANSAC: many constant velocities tried on many tracklet segments."""
+"""Inner loop of fast MC-RANSAC: many constant velocities tried on many tracklet segments."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 HALF_TURN = 10.0
-"""Squared angle (rad^2) up to which rotations are power series, just over a half turn."""
+"""Squared angle (rad^2) below which rotations use power series, just over pi^2."""
 B, C = (tuple(1 / factorial(2 * k + n) for k in range(13)) for n in (2, 3))
 """Coefficients of (1 - cos w)/w^2 and (w - sin w)/w^3 in powers of -w^2."""
 BLOCK = 32
-"""Segments that are judged at once, in vector registers, before the count may be given up."""
+"""Number of segments tested at once, in vector registers; the count may end after each block."""
 
 
 @njit(cache=True)
 def moved_points(points: Array, dt: Array, velocity: Array) -> Array:
-    """Where static points (N, 3) are in the camera frame after dt (N,): Exp(-dt v) p."""
+    """Compute where static points (N, 3) are in the camera frame after dt (N,): Exp(-dt v) p."""
     moved = np.empty_like(points)
     for i in range(len(points)):
         moved[i] = move(points[i, 0], points[i, 1], points[i, 2], dt[i], velocity)
@@ -29,7 +29,7 @@ def moved_points(points: Array, dt: Array, velocity: Array) -> Array:
 
 @njit(cache=True)
 def move(x: float, y: float, z: float, dt: float, velocity: Array) -> tuple[float, float, float]:
-    """Exp(-dt v) p."""
+    """Compute Exp(-dt v) p."""
     fx, fy, fz = -dt * velocity[0], -dt * velocity[1], -dt * velocity[2]
     series = _rotation_series(fx * fx + fy * fy + fz * fz)
     return _move_by_series(x, y, z, dt, velocity, series)
@@ -39,7 +39,7 @@ def move(x: float, y: float, z: float, dt: float, velocity: Array) -> tuple[floa
 def _move_by_series(
     x: float, y: float, z: float, dt: float, velocity: Array, series: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Exp(-dt v) p = C p + J rho, with C and J as series in the cross product by phi = -dt omega.
+    """Compute Exp(-dt v) p = C p + J rho by series in the cross product with phi = -dt omega.
 
     C p + J rho = p + rho + phi x (a p + b rho) + phi x (phi x (b p + c rho)).
     """
@@ -59,7 +59,7 @@ def _move_by_series(
 
 @njit(cache=True)
 def _rotation_series(squared_angle: float) -> tuple[float, float, float]:
-    """sin(w)/w, (1 - cos w)/w^2 and (w - sin w)/w^3 of the squared angle w^2."""
+    """Compute sin(w)/w, (1 - cos w)/w^2 and (w - sin w)/w^3 from the squared angle w^2."""
     if squared_angle < HALF_TURN:
         return _half_turn_series(squared_angle)
     s, angle = squared_angle, np.sqrt(squared_angle)
@@ -68,7 +68,7 @@ def _rotation_series(squared_angle: float) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def _half_turn_series(s: float) -> tuple[float, float, float]:
-    """The same below `HALF_TURN` as power series: no branches, no square root."""
+    """Compute `_rotation_series` below `HALF_TURN`, without branches and square roots."""
     b = B[8] - s * (B[9] - s * (B[10] - s * (B[11] - s * B[12])))
     b = B[4] - s * (B[5] - s * (B[6] - s * (B[7] - s * b)))
     b = B[0] - s * (B[1] - s * (B[2] - s * (B[3] - s * b)))
@@ -89,12 +89,12 @@ def best_sample_velocity(
     camera: Array,
     confidence: float,
 ) -> Array:
-    """Velocity (6,) of the sample that explains most segments; zero if all are degenerate.
+    """Find the velocity (6,) of the sample that explains most segments; 0 if all are degenerate.
 
-    Stops early once a sample without outliers was drawn with the given confidence; at confidence
+    Sampling stops once a sample without outliers was drawn with the given confidence. At confidence
     1 all samples are tried. `camera` is (fx, fy, cx, cy, baseline).
     """
-    # One quantity after the other, so that a block of segments fills vector registers.
+    # Each quantity is contiguous, so that a block of segments fills vector registers.
     columns = np.empty((8, len(points)))
     columns[:3], columns[3:6], columns[6], columns[7] = points.T, later.T, dt, tolerance**2
     best_velocity, most = np.zeros(6), 0
@@ -124,10 +124,11 @@ def _samples_needed(inlier_ratio: float, sample_size: int, confidence: float) ->
 def sample_velocity(
     points: Array, displacements: Array, dt: Array, sample: NDArray[np.int64]
 ) -> tuple[bool, Array]:
-    """Linear least-squares velocity (6,) of a sample, and whether it is determined.
+    """Compute the linear least-squares velocity (6,) of a sample, and whether it is determined.
 
     The paper's closed form: d = dt D v with D = [p^, -1] in this convention. The linear velocity is
-    eliminated: about the centroid of the points, weighted by dt^2, the angular one stands alone.
+    eliminated: the equations about the centroid of the points, weighted by dt^2, contain the
+    angular velocity alone.
     """
     weight, p, d = 0.0, np.zeros(3), np.zeros(3)
     for i in sample:
@@ -161,7 +162,8 @@ def _solve_inertia(
 ) -> tuple[bool, float, float, float]:
     """Solve A x = b, A = trace(M) 1 - M of second moments M, by Cholesky: A = L D L^T.
 
-    Not solved if A is nearly singular: points on a line do not tell a turn about it.
+    There is no solution if A is nearly singular: points on a line contain no information on the
+    rotation about it.
     """
     xx, yy, zz, xy, xz, yz = moments
     d0, d1, d2 = yy + zz, xx + zz, xx + yy
@@ -186,7 +188,7 @@ def _solve_inertia(
 
 @njit(cache=True)
 def _count_inliers(columns: Array, camera: Array, velocity: Array, most: int) -> int:
-    """Number of segments within tolerance; gives up once it cannot exceed `most`.
+    """Count the segments within tolerance; give up once the count cannot exceed `most`.
 
     `columns` (8, N) holds points, later measurements, dt and squared tolerance, C-contiguous.
     """
@@ -207,7 +209,7 @@ def _count_inliers(columns: Array, camera: Array, velocity: Array, most: int) ->
 
 @njit(cache=True, error_model="numpy")
 def _count_half_turns(columns: Array, start: int, stop: int, camera: Array, velocity: Array) -> int:
-    """Inliers among some segments; without branches, so that it runs in vector registers."""
+    """Count inliers among some segments, without branches so that it runs in vector registers."""
     squared_speed = velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2
     count = 0
     for i in range(start, stop):
@@ -231,9 +233,10 @@ def _count_turns(columns: Array, start: int, stop: int, camera: Array, velocity:
 def _is_inlier(
     point: tuple[float, float, float], columns: Array, i: int, camera: Array
 ) -> np.int64:
-    """1 if a point of the camera frame projects to within the tolerance of segment i's later end.
+    """Return 1 if a point of the camera frame projects near segment i's later measurement, else 0.
 
-    Else 0: numbers add up in vector registers, truth values do not.
+    Near is within the segment's tolerance. The result is an integer because vector registers add up
+    numbers and not truth values.
     """
     x, y, z = point
     u = camera[0] * x / z + camera[2] - columns[3, i]

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class VelocityFit:
-    """What MC-RANSAC finds.
+    """Velocity found by MC-RANSAC, its covariance and its inliers.
 
     Attributes
     ----------
@@ -44,9 +44,10 @@ def iterative_mc_ransac(
     inliers: NDArray[np.bool_],
     config: McRansacConfig,
 ) -> VelocityFit | None:
-    """Refine a velocity by Gauss-Newton on its inliers and segment anew, section III-B.2.
+    """Refine a velocity by Gauss-Newton on its inliers and select them again, section III-B.2.
 
-    That is done `config.refinements` times, as a refined velocity explains more segments.
+    This is done up to `config.refinements` times, because a refined velocity explains more
+    segments. Returns None if the inliers do not determine a velocity.
     """
     for _ in range(config.refinements):
         chosen = segments[inliers]
@@ -68,7 +69,7 @@ def _refined_velocity(
     velocity: Array,
     config: McRansacConfig,
 ) -> Array | None:
-    """Velocity of the least weighted reprojection errors; None where they do not determine it."""
+    """Minimize the weighted reprojection errors, or return None if the velocity is undetermined."""
     points = camera.triangulate(segments.earlier)
     for _ in range(config.refinement_iterations):
         normal, right = normal_equations(
@@ -86,9 +87,10 @@ def _refined_velocity(
 def reprojection_error(
     segments: Segments, camera: StereoCamera, velocity: Array
 ) -> tuple[Array, Array]:
-    """Predicted minus measured later measurement (N, 3), and its Jacobian (N, 3, 6) by velocity.
+    """Compute the reprojection error (N, 3) and its Jacobian with respect to velocity, (N, 3, 6).
 
-    Equation (iter_err) with the opposite sign, so that the Jacobian is that of the prediction.
+    The error is the predicted minus the measured later measurement: equation (iter_err) with the
+    opposite sign, so that the Jacobian is that of the prediction.
     """
     points = moved_points(camera.triangulate(segments.earlier), segments.dt, velocity)
     predicted, by_point = camera.project_with_jacobian(points)
@@ -101,10 +103,10 @@ def reprojection_error(
 def velocity_covariance(
     segments: Segments, camera: StereoCamera, information: Array, velocity: Array
 ) -> Array:
-    """Covariance (6, 6) of the velocity that minimizes the reprojection errors of segments.
+    """Compute the covariance (6, 6) of the velocity that minimizes the reprojection errors.
 
-    The cost weights errors by R^-1, but they have the noise of both measurements: R for the later
-    one, and R through the prediction for the earlier one.
+    The cost weights errors by R^-1. However, they have the noise of both measurements: R of the
+    later one, and R propagated through the prediction of the earlier one.
     """
     _, by_velocity = reprojection_error(segments, camera, velocity)
     by_earlier = _prediction_by_earlier(segments, camera, velocity)
@@ -116,7 +118,7 @@ def velocity_covariance(
 
 
 def _prediction_by_earlier(segments: Segments, camera: StereoCamera, velocity: Array) -> Array:
-    """(N, 3, 3) derivative of the predicted later measurement by the earlier one."""
+    """Compute the Jacobian of the prediction with respect to the earlier measurement, (N, 3, 3)."""
     points = camera.triangulate(segments.earlier)
     rotation = se3_exp(-segments.dt[:, None] * velocity)[:, :3, :3]
     _, by_moved = camera.project_with_jacobian(moved_points(points, segments.dt, velocity))
@@ -128,7 +130,7 @@ def _prediction_by_earlier(segments: Segments, camera: StereoCamera, velocity: A
 def normal_equations(
     points: Array, dt: Array, later: Array, velocity: Array, information: Array, camera: Array
 ) -> tuple[Array, Array]:
-    """J^T W J (6, 6) and J^T W e (6,) of the errors e, predicted minus measured.
+    """Compute J^T W J (6, 6) and J^T W e (6,) of the errors e, predicted minus measured.
 
     Parameters
     ----------
@@ -166,7 +168,7 @@ def normal_equations(
 def _by_twist(
     by_twist: Array, x: float, y: float, z: float, u: float, v: float, disparity: float
 ) -> None:
-    """Write the derivative (3, 6) of a prediction by a motion of its point, Exp(twist) p."""
+    """Write the Jacobian of the prediction at Exp(twist) p with respect to the twist, (3, 6)."""
     by_twist[0] = (-u * x * y / z, u * (z + x * x / z), -u * y, u, 0.0, -u * x / z)
     by_twist[1] = (-v * (z + y * y / z), v * x * y / z, v * x, 0.0, v, -v * y / z)
     by_twist[2] = (-disparity * y / z, disparity * x / z, 0.0, 0.0, 0.0, -disparity / z)

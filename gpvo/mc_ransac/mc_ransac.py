@@ -29,7 +29,8 @@ def mc_ransac(
     """Find the largest set of segments that one velocity explains, and that velocity.
 
     The fast version proposes an inlier set, the iterative version refines it. `information` (3, 3)
-    is the inverse covariance R^-1 of a measurement. None if no sample has enough inliers.
+    is the inverse covariance R^-1 of a measurement. Returns None if no sample has enough inliers,
+    or if they do not determine a velocity.
     """
     if len(segments) < config.sample_size:
         return None

@@ -1,4 +1,4 @@
-"""Segments: a landmark measured twice, and which of them a velocity explains."""
+"""Segments, which are landmarks measured twice, and the inliers of a velocity among them."""
 
 from __future__ import annotations
 
@@ -34,20 +34,23 @@ class Segments(ArrayTable):
 
 
 def segments_between(earlier: Measurements, later: Measurements) -> Segments:
-    """Segments (N,) from measurements (N,) to later ones (N,) of the same landmarks."""
+    """Make segments (N,) from measurements (N,) and later ones (N,) of the same landmarks."""
     return Segments(earlier.stereo, later.stereo, later.t - earlier.t)
 
 
 def are_inliers(
     segments: Segments, camera: StereoCamera, velocity: Array, config: McRansacConfig
 ) -> NDArray[np.bool_]:
-    """Which segments (N,) the velocity explains: e_rel, equation (err_ransac_classify)."""
+    """Return which segments (N,) the velocity explains by e_rel, equation (err_ransac_classify)."""
     points = moved_points(camera.triangulate(segments.earlier), segments.dt, velocity)
     error = np.linalg.norm(camera.project(points) - segments.later, axis=1)
     return (points[:, 2] > 0) & (error <= inlier_tolerance(segments, config))
 
 
 def inlier_tolerance(segments: Segments, config: McRansacConfig) -> Array:
-    """(N,) largest reprojection error of an inlier, pixels: a share of the segment's length."""
+    """Compute the largest reprojection error (N,) of an inlier, pixels.
+
+    It is a share of the segment's length, at least `config.pixel_threshold`.
+    """
     length = np.linalg.norm(segments.later - segments.earlier, axis=1)
     return np.maximum(config.relative_threshold * length, config.pixel_threshold)

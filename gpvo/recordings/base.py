@@ -1,4 +1,4 @@
-"""What every recording gives: a stereo rig and two event streams, read in step and in batches."""
+"""Interface of recordings: a stereo rig and two event streams, read in common batches."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gpvo.recordings.calibration.rig import StereoRig
 
 @dataclass(frozen=True)
 class Events(ArrayTable):
-    """Events of one camera in order of time.
+    """Events of one camera in time order.
 
     Attributes
     ----------
@@ -34,13 +34,13 @@ class Events(ArrayTable):
     polarity: NDArray[np.bool_]
 
     def between(self, start: float, stop: float) -> Events:
-        """Events with start <= t < stop, in seconds."""
+        """Return the events with start <= t < stop, in seconds."""
         first, last = np.searchsorted(self.t, [start, stop], side="left")
         return self[first:last]
 
     @staticmethod
     def empty() -> Events:
-        """No events."""
+        """Return a table without events."""
         pixels = np.empty(0, np.uint16)
         return Events(pixels, pixels, np.empty(0), np.empty(0, bool))
 
@@ -66,7 +66,7 @@ class Recording(ABC):
     Attributes
     ----------
     path
-        Where it was read from.
+        File or folder that it was read from.
     rig
         The calibrated stereo rig.
     start_ns
@@ -74,7 +74,7 @@ class Recording(ABC):
     duration
         Seconds from the first event of either camera to the last.
     format_name
-        For reports.
+        Name of the format, for reports.
     notes
         What a user should know before trusting the recording, found when it was opened.
     """
@@ -95,9 +95,9 @@ class Recording(ABC):
         """
 
     def fault_lines(self) -> list[str]:
-        """One line for each kind of fault in the batches read last; their events were left out."""
+        """Return one line for each kind of fault in the batches read last."""
         return []
 
     def stamp_ns(self, t: float) -> int:
-        """Absolute stamp in nanoseconds of a time in seconds since the start."""
+        """Return the absolute stamp in nanoseconds of a time in seconds since the start."""
         return self.start_ns + round(t * 1e9)

@@ -1,4 +1,4 @@
-"""Chunks of files unpacked, never to more bytes than the file promises."""
+"""Decompress chunks of files, never to more bytes than the file states."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import lz4.frame
 import zstandard
 
 LARGEST_CHUNK = 1 << 30
-"""Bytes; a larger chunk is damage."""
+"""Bytes; a larger size is a sign of damage."""
 
 CACHE_BYTES = 1 << 26
 
@@ -19,7 +19,7 @@ class DamagedChunkError(Exception):
 
 
 def unpack(compression: str, data: bytes, size: int) -> bytes:
-    """Decompress a chunk whose file promises `size` bytes.
+    """Decompress a chunk that has `size` bytes according to its file.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def unpack(compression: str, data: bytes, size: int) -> bytes:
         if compression == "bz2":
             return bz2.BZ2Decompressor().decompress(data, max_length=size)
         if compression == "zstd":
-            # Frames may leave out their size; never believe more than the chunk's own.
+            # Some frames do not state their size; never read more than the chunk's size.
             return zstandard.ZstdDecompressor().stream_reader(data).read(size)
     except (RuntimeError, OSError, ValueError, EOFError, MemoryError, zstandard.ZstdError) as error:
         raise DamagedChunkError(str(error)) from error
@@ -44,7 +44,7 @@ def unpack(compression: str, data: bytes, size: int) -> bytes:
 
 
 def _unpack_lz4(data: bytes, size: int) -> bytes:
-    """In one go where the frame tells its size truthfully; or else as far as it goes."""
+    """Decompress at once if the frame states its size correctly, else as far as possible."""
     if 0 < lz4.frame.get_frame_info(data)["content_size"] <= size:
         try:
             return lz4.frame.decompress(data)
@@ -54,14 +54,14 @@ def _unpack_lz4(data: bytes, size: int) -> bytes:
 
 
 class UnpackedChunks:
-    """The chunks unpacked last: both cameras' events stand in the same ones."""
+    """Cache of the chunks unpacked last, as both cameras' events are in the same chunks."""
 
     def __init__(self) -> None:
         self._chunks: dict[int, bytes] = {}
         self._size = 0
 
     def get(self, at: int, unpack_chunk: Callable[[], bytes]) -> bytes:
-        """The chunk at a position of the file, unpacked now unless it was a short time ago."""
+        """Return the chunk at a position of the file, from the cache or unpacked now."""
         if at not in self._chunks:
             data = unpack_chunk()
             self._chunks[at] = data

@@ -20,7 +20,7 @@ def stereo_batches(
     Parameters
     ----------
     left, right
-        Blocks of any size in order of time, without events before `start`. A block is taken
+        Blocks of any size in time order, without events before `start`. A block is taken
         only when a batch needs it.
     start, stop, length
         Seconds; the last batch may be shorter, and one without events longer.
@@ -38,7 +38,7 @@ def stereo_batches(
 
 
 class _Cutter:
-    """Takes blocks from a stream and gives them back cut at chosen times."""
+    """Buffer that takes blocks from a stream and cuts them at chosen times."""
 
     def __init__(self, blocks: Iterator[Events]) -> None:
         self._blocks = blocks
@@ -47,13 +47,13 @@ class _Cutter:
 
     @property
     def upcoming(self) -> float:
-        """Time of the next event: -inf where none has been read yet, inf behind the last one."""
+        """Time of the next event: -inf if none has been read yet, inf after the last one."""
         if len(self._rest):
             return float(self._rest.t[0])
         return np.inf if self._at_end else -np.inf
 
     def until(self, stop: float) -> Events:
-        """All events before `stop` that have not been given yet."""
+        """Return all events before `stop` that have not been returned yet."""
         parts = [self._rest]
         while len(parts[-1]) == 0 or parts[-1].t[-1] < stop:
             block = next(self._blocks, None)

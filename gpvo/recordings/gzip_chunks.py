@@ -1,4 +1,4 @@
-"""Columns of HDF5 packed by gzip, unpacked by zlib-ng: twice as fast as by HDF5's own zlib."""
+"""Unpack gzip columns of HDF5 by zlib-ng, twice as fast as by HDF5's own zlib."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 zlib_ng: Any = None
-with suppress(ImportError):  # h5py reads everything, too
+with suppress(ImportError):  # without it, h5py reads everything
     zlib_ng = import_module("zlib_ng.zlib_ng")
 
 DEFLATE, SHUFFLE = h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE
 
 LARGEST_OVERHEAD = 1024
-"""Bytes that gzip adds to what it cannot pack, generously."""
+"""Upper bound of the bytes that gzip adds to data that it cannot compress."""
 
 
 def unpacked_rows(
     dataset: h5py.Dataset, first_row: int, stop_row: int, column: int | None = None
 ) -> NDArray[Any] | None:
-    """Rows first_row to stop_row - 1 of a column; None for what is left to h5py.
+    """Return rows first_row to stop_row - 1 of a column, or None if h5py has to read them.
 
-    That is other packings, whatever is damaged, and less than a chunk, as h5py remembers chunks.
+    h5py reads other packings, damaged chunks, and fewer rows than a chunk, as it caches chunks.
 
     Parameters
     ----------
     dataset
-        (N,), or (N, M) with the number of the column.
+        (N,), or (N, M) if `column` is given.
     """
     columns = () if column is None else (column,)
     size = dataset.chunks[0] if dataset.chunks else 0
@@ -59,7 +59,7 @@ def _filters(dataset: h5py.Dataset) -> list[int]:
 def _unpack(
     dataset: h5py.Dataset, offset: tuple[int, ...], shuffled: bool, chunk: NDArray[np.uint8]
 ) -> None:
-    """Fill a chunk (rows, bytes of an item), even its rows behind the end of the dataset."""
+    """Fill a chunk (rows, bytes per item), including its rows after the end of the dataset."""
     size = dataset.id.get_chunk_info_by_coord(offset).size
     if not 0 < size <= 2 * chunk.size + LARGEST_OVERHEAD:
         raise ValueError("the chunk was never written, or its entry in the index is damaged")

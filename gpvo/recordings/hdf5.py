@@ -1,4 +1,4 @@
-"""HDF5 with errors that a user understands; nothing of a dataset is read before it is asked for."""
+"""Read HDF5 with errors that a user understands; only the requested rows are read."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from gpvo.errors import InputError
 from gpvo.recordings.gzip_chunks import unpacked_rows
 
 CHUNK_CACHE_BYTES = 1 << 24
-"""Keeps the chunk of a bisection, or one that two blocks share, from being unpacked twice."""
+"""Bytes; a chunk used by a bisection or by two blocks is unpacked only once."""
 
 H5Error = (OSError, KeyError, RuntimeError, ValueError)
-"""What h5py raises where a file's bytes are damaged."""
+"""Errors that h5py raises if a file is damaged."""
 
 
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[h5py.File]:
-    """Open a file for reading; InputError if it is damaged or cut short."""
+    """Open a file for reading; raise InputError if it is damaged or cut short."""
     try:
         file = h5py.File(path, "r", rdcc_nbytes=CHUNK_CACHE_BYTES)
     except H5Error as error:
@@ -36,7 +36,7 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
 
 
 def holds(file: h5py.File, name: str) -> bool:
-    """Whether a group or dataset of that name can be opened."""
+    """Return whether a group or dataset of this name can be opened."""
     try:
         return file.get(name) is not None
     except H5Error:
@@ -46,7 +46,7 @@ def holds(file: h5py.File, name: str) -> bool:
 def read_column(
     dataset: h5py.Dataset, column: int, first_row: int, stop_row: int
 ) -> NDArray[np.float64]:
-    """Rows first_row to stop_row - 1 of one column, float64; InputError if they are damaged."""
+    """Return rows first_row to stop_row - 1 of one column, float64; InputError if damaged."""
     found = unpacked_rows(dataset, first_row, stop_row, column)
     if found is None:
         found = _read(dataset, (slice(first_row, stop_row), column))
@@ -54,7 +54,7 @@ def read_column(
 
 
 def read_rows(dataset: h5py.Dataset, first_row: int, stop_row: int) -> NDArray[Any]:
-    """Rows first_row to stop_row - 1 of a column of its own; InputError if they are damaged."""
+    """Return rows first_row to stop_row - 1 of a dataset; raise InputError if damaged."""
     found = unpacked_rows(dataset, first_row, stop_row)
     return np.asarray(_read(dataset, (slice(first_row, stop_row),))) if found is None else found
 
@@ -72,7 +72,7 @@ def _read(dataset: h5py.Dataset, selection: tuple[Any, ...]) -> Any:
 
 
 def has_dataset(path: Path, name: str) -> bool:
-    """Whether a path is an HDF5 file with that dataset; InputError if it is damaged."""
+    """Return whether a path is an HDF5 file with this dataset; raise InputError if damaged."""
     if not path.is_file() or not h5py.is_hdf5(path):
         return False
     with open_hdf5(path) as file:

@@ -60,7 +60,7 @@ FORMATS = (
 """Tried in this order."""
 
 SUFFIXES = (".hdf5", ".h5", ".bag", ".mcap")
-"""Of recordings in one file."""
+"""Suffixes of recordings in one file."""
 
 
 def open_recording(
@@ -74,14 +74,14 @@ def open_recording(
     Parameters
     ----------
     path
-        The recording, or a folder with one; its format is found from what it holds, not from its
-        name. Of two files, one for each camera, name either, or their folder.
+        The recording, or a folder with one. The format is recognised from the content, not from
+        the name. If each camera has a file of its own, give either file or their folder.
     calibration
-        File of the stereo calibration: see `read_calibration`; or a rig. Not needed if the
-        recording holds it, or if the only one lies beside it.
+        File of the stereo calibration (see `read_calibration`), or a rig. Not needed if the
+        recording contains its calibration, or if exactly one lies beside it.
     left_topic, right_topic
-        Topics (or files in a folder, streams in AEDAT4) of both cameras, where their names do not
-        tell which is which.
+        Topics (files in a folder, streams in AEDAT4) of both cameras, if their names do not show
+        which is left and which is right.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def open_recording(
 
 
 def _recordings_in(folder: Path) -> list[Path]:
-    """Recordings in one file that lie in a folder, without ground truths."""
+    """Return the single-file recordings in a folder, without ground truths."""
     files = [
         file
         for file in sorted(folder.iterdir())

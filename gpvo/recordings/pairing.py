@@ -1,4 +1,4 @@
-"""Which of several streams are the left and the right camera, from their names."""
+"""Find the streams of the left and the right camera by their names."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ FILE_WORDS = [
     (_CAMERA + r"0(?!\d)", r"\g<1>1", True),
     (_CAMERA + r"1(?!\d)", r"\g<1>0", False),
 ]
-"""What to look for in a file's name, what to put there for the other camera, and whether the
-file found it in is the left one. Bare numbers in file names may count recordings."""
+"""Pattern in a file's name, its replacement for the other camera, and whether the file with the
+pattern is the left camera's. Bare numbers are left out, as they may count recordings."""
 
 
 def counterparts(name: str) -> list[str]:
-    """Names that the right camera may have if `name` is the left one's, the likeliest first."""
+    """Return names that the right camera may have if `name` is the left one's, likeliest first."""
     names = []
     for left, right in SIDES:
         if left in name:
@@ -37,7 +37,7 @@ def counterparts(name: str) -> list[str]:
 
 
 def pair(names: Sequence[str]) -> tuple[str, str] | None:
-    """The only left and right among the names, or None if there is no pair or several."""
+    """Return the only pair of left and right names, or None if there are no or several pairs."""
     known = set(names)
     for sides in (True, False):
         pairs = [
@@ -58,12 +58,13 @@ def _has_side(name: str) -> bool:
 def choose_pair(
     path: Path, names: Sequence[str], left: str | None, right: str | None, what: str
 ) -> tuple[str, str]:
-    """The names of the left and right camera: those given, or the only pair.
+    """Return the names of the left and right camera: the given ones, or the only pair.
 
     Raises
     ------
     InputError
-        If a given name is unknown or no single pair exists, with flags to choose from.
+        If a given name is unknown, or there is not exactly one pair; the message lists flags to
+        choose from.
     """
     for given in (left, right):
         if given is not None and given not in names:
@@ -87,7 +88,7 @@ def choose_pair(
 
 
 def suggestions(names: Sequence[str]) -> str:
-    """Flags for every pair that the names allow, ready to be pasted."""
+    """Return command line flags for the likely pairs of names, ready to be pasted."""
     likely = [(name, other) for name in names for other in counterparts(name) if other in names]
     every = [(a, b) for a in names for b in names if a < b]
     pairs = list(dict.fromkeys(likely or every))
@@ -99,7 +100,7 @@ def _listing(names: Sequence[str]) -> str:
 
 
 def paired_files(path: Path) -> tuple[Path, Path] | None:
-    """The files of both cameras, given one of them: `left` in its name or folders is swapped."""
+    """Return both cameras' files, given one, by swapping left and right in its path, or None."""
     path = path.absolute()
     for depth in (1, 2, 3):
         if depth >= len(path.parts):
@@ -113,7 +114,7 @@ def paired_files(path: Path) -> tuple[Path, Path] | None:
 
 
 def files_of(folder: Path, suffixes: Sequence[str]) -> list[Path]:
-    """Files with one of the suffixes in a folder and those below it, at most three levels deep."""
+    """Return the files with one of the suffixes in a folder and up to three levels below it."""
     found = [
         file
         for pattern in ("*", "*/*", "*/*/*", "*/*/*/*")
@@ -126,7 +127,7 @@ def files_of(folder: Path, suffixes: Sequence[str]) -> list[Path]:
 def camera_files(
     path: Path, candidates: Sequence[Path], left: str | None, right: str | None
 ) -> tuple[Path, Path]:
-    """The files of the left and the right camera.
+    """Return the files of the left and the right camera.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A recording made of two event streams: common clock, checks, batches in step."""
+"""Recordings of two event streams: common clock, checks, and common batches."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ LONGEST_NS = 10**15
 """Eleven days; no recording lasts longer."""
 
 ONE_SIDED_NS = 500_000_000
-"""Starts or ends of the two cameras that differ by more are told to the user."""
+"""Larger differences between the cameras' starts or ends are reported to the user."""
 
 MOST_OUTSIDE = 0.25
-"""A larger part of a block outside the sensor means the calibration of another sensor."""
+"""If a larger part of a block is outside the sensor, the calibration is of another sensor."""
 
 OUTSIDE = "events outside the sensor were left out"
 
 
 class StreamRecording(Recording):
-    """Two event streams with one clock.
+    """Recording of two event streams with a common clock.
 
     Parameters
     ----------
     path
-        What the user named.
+        Path that the user gave.
     format_name
-        For reports.
+        Name of the format, for reports.
     rig
         The calibrated rig.
     left, right
@@ -50,7 +50,7 @@ class StreamRecording(Recording):
     Attributes
     ----------
     faults
-        Per camera, what was left out of the batches read last and how often.
+        Per camera, the kinds of faults in the batches read last and their numbers.
     notes
         What a user should know before trusting the recording, found when it was opened.
 
@@ -97,7 +97,7 @@ class StreamRecording(Recording):
             log.warning("%s", line)
 
     def fault_lines(self) -> list[str]:
-        """One line for each kind of fault in the batches read last."""
+        """Return one line for each kind of fault in the batches read last."""
         return [
             f"{self.streams[side].where}: {count} {kind}"
             for side, faults in self.faults.items()
@@ -106,7 +106,7 @@ class StreamRecording(Recording):
         ]
 
     def _events(self, side: str, start: float) -> Iterator[Events]:
-        """Checked events of one camera from `start` on, in seconds since the recording's start."""
+        """Yield one camera's checked events from `start` on, in seconds since the start."""
         camera = self.rig.left if side == "left" else self.rig.right
         stream, faults = self.streams[side], self.faults[side]
         origin_ns = self.start_ns - self._shifts_ns[side]
@@ -121,7 +121,7 @@ class StreamRecording(Recording):
 
 
 def span_ns(stream: EventStream) -> tuple[int, int]:
-    """Earliest and latest stamp of the credible events of a stream's first and last blocks."""
+    """Return the earliest and latest credible stamp of a stream's first and last blocks."""
     ordered = in_order(stream.blocks(None, Faults()), Faults())
     first = next(ordered, None)
     if first is None:
@@ -138,7 +138,7 @@ def _shifted(span: tuple[int, int], shift_ns: int) -> tuple[int, int]:
 
 
 def check_resolution(stream: EventStream, camera: Camera) -> None:
-    """Raise InputError if the file states another sensor than the calibration's."""
+    """Raise InputError if the file states a resolution other than the calibrated one."""
     stated, calibrated = stream.resolution, camera.resolution
     if stated is not None and stated != calibrated != LARGEST:
         raise InputError(
@@ -148,7 +148,13 @@ def check_resolution(stream: EventStream, camera: Camera) -> None:
 
 
 def inside_sensor(block: EventBlock, camera: Camera, where: str, faults: Faults) -> EventBlock:
-    """The events on the sensor; InputError if many are not, as the calibration is wrong then."""
+    """Return the events on the sensor.
+
+    Raises
+    ------
+    InputError
+        If many events lie outside, as the calibration is wrong then.
+    """
     width, height = camera.resolution
     if len(block) == 0 or (block.x.max() < width and block.y.max() < height):
         return block
@@ -164,7 +170,7 @@ def inside_sensor(block: EventBlock, camera: Camera, where: str, faults: Faults)
 
 
 def check_spans(path: Path, left: tuple[int, int], right: tuple[int, int]) -> list[str]:
-    """Notes on when the cameras run; InputError unless they share some time."""
+    """Return notes on the cameras' starts and ends; raise InputError if they share no time."""
     starts = (right[0] - left[0]) / 1e9
     if max(left[1], right[1]) - min(left[0], right[0]) > LONGEST_NS or (
         left[1] < right[0] or right[1] < left[0]

@@ -1,4 +1,4 @@
-"""One camera's events as a reader of a format gives them: raw blocks with absolute stamps."""
+"""Event stream of one camera as in its file: unchecked blocks with absolute stamps."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from gpvo.array_table import ArrayTable
 
 Faults = Counter[str]
-"""What was wrong with a stream and left out, with the number of times: {"events ...": 12}."""
+"""Kinds of faults in a stream with their numbers, for example {"events ...": 12}."""
 
 DAMAGED = "damaged parts of the file were skipped"
 
 
 @dataclass(frozen=True)
 class EventBlock(ArrayTable):
-    """Consecutive events of one camera as they stand in the file, unchecked.
+    """Consecutive events of one camera as in the file, unchecked.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class EventBlock(ArrayTable):
 
     @classmethod
     def concatenate(cls, parts: Iterable[EventBlock]) -> EventBlock:
-        """Join consecutive parts of one stream; at least one."""
+        """Join consecutive parts of one stream; at least one is needed."""
         blocks = list(parts)
         return blocks[0] if len(blocks) == 1 else super().concatenate(blocks)
 
@@ -50,11 +50,11 @@ class EventStream(ABC):
     Attributes
     ----------
     where
-        File and topic, group or stream, to begin messages with.
+        File and topic, group or stream; the start of messages.
     resolution
         (width, height) that the file states, or None.
     wrap_ns
-        After how long the sensor's clock starts again; 0 for stamps that are absolute.
+        Period after which the sensor's clock starts again; 0 for absolute stamps.
     notes
         What could not be read when the stream was opened.
     """
@@ -73,16 +73,19 @@ class EventStream(ABC):
         """
 
     def arrival_offset_ns(self) -> int | None:
-        """Time of arrival at the computer less the sensor's time, where both are known."""
+        """Return arrival time at the computer minus sensor time, or None if either is unknown."""
         return None
 
     def ends(self) -> Iterator[EventBlock]:
-        """Some of the last blocks, the last first; all blocks where there is no shorter way."""
+        """Yield some of the last blocks, or all blocks if the format allows no shortcut."""
         yield from self.blocks(None, Faults())
 
 
 def nanoseconds(seconds: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(N,) int64 stamps; of seconds since 1970 a float64 holds microseconds only."""
+    """Return stamps (N,) int64 of seconds.
+
+    Seconds since 1970 are rounded to microseconds, as float64 is not exact below that.
+    """
     if len(seconds) and np.abs(seconds).max() > 1e7:
         return np.rint(seconds * 1e6).astype(np.int64) * 1000
     return np.rint(seconds * 1e9).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Recordings in two files, one for each camera: DSEC's family, event_utils, raw, text."""
+"""Recordings in two files, one for each camera: HDF5 of several kinds, raw, text."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class TwoFiles:
     stream: Callable[[Path], EventStream]
 
     def recognise(self, path: Path) -> bool:
-        """Whether a file is of this kind, or a folder holds such files."""
+        """Return whether a file is of this kind, or a folder contains such files."""
         return self.is_kind(path) if path.is_file() else bool(self._files(path))
 
     def open(
         self, path: Path, calibration: Calibration, left: str | None, right: str | None
     ) -> Recording:
-        """Open both files."""
+        """Open the files of both cameras."""
         folder = path if path.is_dir() else path.parent
         files = camera_files(path, self._files(folder), left, right)
         rig = rig_for(path, calibration, self.name)

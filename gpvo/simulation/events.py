@@ -1,7 +1,7 @@
-"""Events of a moving camera: where the log intensity of finely spaced frames crosses a threshold.
+"""Simulate events where the log intensity of finely spaced frames crosses a threshold.
 
-The model of ESIM (Rebecq et al., CoRL 2018): brightness is linear in time between frames whose
-spacing follows the image motion.
+The model is that of ESIM (Rebecq et al., CoRL 2018): log intensity is linear in time between
+frames, and the spacing of the frames follows the image motion.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ class Sensor:
     K
         (3, 3) pinhole intrinsics.
     threshold, threshold_sigma
-        Mean and spread over the pixels of the change of log intensity that makes an event.
+        Mean and standard deviation over the pixels of the change of log intensity that triggers an
+        event.
     refractory_period
         Seconds that a pixel is silent after an event.
     noise_rate
@@ -55,7 +56,7 @@ class Sensor:
         return self.resolution[0] * self.resolution[1]
 
     def draw_thresholds(self, rng: np.random.Generator) -> Array:
-        """(2, pixels) OFF and ON thresholds, at least a tenth of their mean."""
+        """Draw OFF and ON thresholds (2, pixels), at least a tenth of their mean."""
         drawn = rng.normal(self.threshold, self.threshold_sigma, (2, self.pixels))
         return np.maximum(drawn, 0.1 * self.threshold)
 
@@ -63,9 +64,10 @@ class Sensor:
 def frame_times(
     scene: Scene, motion: Motion, sensor: Sensor, duration: float, pixels_per_frame: float
 ) -> Array:
-    """Times from 0 to `duration` between which image points move about so many pixels at most.
+    """Return frame times from 0 to `duration`, seconds.
 
-    The image motion is that of a coarse grid of pixels at their exact depths.
+    Between frames, image points move by about `pixels_per_frame` at most. The image motion is that
+    of a coarse grid of pixels at their exact depths.
     """
     width, height = sensor.resolution
     pixels = pixel_grid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 7))
@@ -82,7 +84,7 @@ def frame_times(
 
 
 def _image_speed(rays: Array, depth: Array, twist: Array) -> Array:
-    """(N,) speed at unit depth of static points seen by a camera of this body twist."""
+    """Return the image speed (N,) at unit depth of static points for a body twist of the camera."""
     points = np.column_stack([rays, np.ones(len(rays))]) * depth[:, None]
     velocity = -np.cross(twist[:3], points) - twist[3:]
     flow = (velocity[:, :2] - rays * velocity[:, 2:]) / depth[:, None]
@@ -121,13 +123,13 @@ def simulate_events(
 def _noise(
     sensor: Sensor, start: float, stop: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
-    """Pixels, times and polarities of the background noise in [start, stop)."""
+    """Draw pixels, times and polarities of the background noise in [start, stop)."""
     n = rng.poisson(sensor.noise_rate * sensor.pixels * (stop - start))
     return rng.integers(sensor.pixels, size=n), rng.uniform(start, stop, n), rng.random(n) < 0.5
 
 
 def _in_order(width: int, pixel: NDArray[np.int64], t: Array, on: NDArray[np.bool_]) -> Events:
-    """Events of one step in order of time, in whole microseconds."""
+    """Return the events of one step in time order, in whole microseconds."""
     order = np.argsort(t, kind="stable")
     y, x = np.divmod(pixel[order], width)
     seconds = np.rint(t[order] * 1e6) / 1e6
@@ -151,7 +153,8 @@ def _cross(
     """Write the step's events, pixel by pixel, and return their number.
 
     `reference` is the log intensity at each pixel's last crossing, `last` the time of its last
-    event; both are updated. A crossing in the refractory period moves the reference in silence.
+    event; both are updated. A crossing in the refractory period moves the reference without an
+    event.
     """
     n = 0
     for i in range(len(now)):

@@ -61,7 +61,7 @@ class Motion:
 
     @staticmethod
     def random(name: MotionName, duration: float, rng: np.random.Generator) -> Motion:
-        """A named motion over [0, duration] seconds that starts about the world's origin."""
+        """Draw a named motion over [0, duration] seconds that starts near the world's origin."""
         style = _STYLES[name]
         times = np.arange(-1.0, np.ceil(duration / style.interval) + 2.0) * style.interval
         spread = rng.uniform(-1.0, 1.0, (len(times), 6))
@@ -76,21 +76,21 @@ class Motion:
 
     @staticmethod
     def through(poses: StampedPoses) -> Motion:
-        """Through given poses of a camera, the first at t = 0; the world's z points up."""
+        """Return the motion through given poses, the first at t = 0; the world's z points up."""
         times, rotations = poses.seconds, Rotation.from_matrix(poses.rotations)
         return Motion(CubicSpline(times, poses.positions), RotationSpline(times, rotations))
 
     def later(self, seconds: float) -> Motion:
-        """The same motion with t = 0 so many seconds later."""
+        """Return the same motion with t = 0 moved later by `seconds`."""
         return replace(self, offset=self.offset + seconds)
 
     def pose(self, t: ArrayLike) -> Array:
-        """T_world_cam (N, 4, 4) at times t (N,), seconds."""
+        """Return T_world_cam (N, 4, 4) at times t (N,), seconds."""
         times = np.atleast_1d(t) + self.offset
         return rigid_transforms(self.rotation(times).as_matrix(), self.position(times))
 
     def twist(self, t: ArrayLike) -> Array:
-        """Body twist (N, 6), rotation first: T(t + dt) = T(t) Exp(dt v) to first order."""
+        """Return the body twist v (N, 6), rotation first: T(t + dt) = T(t) Exp(v dt) + O(dt**2)."""
         times = np.atleast_1d(t) + self.offset
         angular = self.rotation(times, 1)
         linear = self.rotation(times).inv().apply(self.position(times, 1))

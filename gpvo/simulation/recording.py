@@ -27,7 +27,7 @@ START_NS = 1_000_000_000_000
 """Absolute stamp of the start of every simulation; small enough for exact float64 seconds."""
 
 GROUND_TRUTH_RATE = 200
-"""Poses per second."""
+"""Number of poses per second."""
 
 Size = Annotated[int, Field(ge=1, le=65535)]
 """A width or height, pixels; columns and rows are uint16."""
@@ -36,7 +36,7 @@ _BATCH = 0.1
 
 
 class SimulationConfig(StageConfig):
-    """A simulated stereo recording; the default is a camera held in the hand in a small room."""
+    """A simulated stereo recording; the default is a handheld camera in a small room."""
 
     seed: int = Field(0, ge=0, description="Seed of the scene, the motion and the sensors.")
     motion: MotionName = Field("hand_held", description="How the camera moves.")
@@ -102,9 +102,9 @@ class SimulatedRecording(Recording):
     ground_truth
         Exact T_world_cam of the left camera at 200 Hz.
     motion
-        The left camera's motion, of the same t as the events.
+        The left camera's motion, with the same t as the events.
     scene
-        What the cameras saw.
+        Scene that the cameras saw.
     """
 
     path: Path
@@ -141,8 +141,8 @@ def simulate(
 ) -> SimulatedRecording:
     """Simulate a stereo recording; the same input gives the same recording, bit for bit.
 
-    `progress`, if given, hears how much is done, from 0 to 1. `motion`, if given, takes the place
-    of the random one, in a room as large as it needs.
+    `progress`, if given, is called with the finished part, from 0 to 1. `motion`, if given,
+    replaces the random one, in a room as large as it needs.
     """
     seeds = np.random.SeedSequence(config.seed).spawn(4)
     scene_rng, motion_rng, *sensor_rngs = map(np.random.default_rng, seeds)
@@ -167,7 +167,7 @@ def simulate(
 
 
 def room_around(motion: Motion, duration: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest corner (2, 3) of a room and of the part that the motion needs, metres."""
+    """Return the corners (2, 3) of a room and of the part that the motion needs, metres."""
     way = motion.pose(np.linspace(0.0, duration, 200))[:, :3, 3]
     clear = np.stack([way.min(axis=0) - 0.8, way.max(axis=0) + 0.8])
     return clear + np.array([[-2.0], [2.0]]), clear
@@ -176,7 +176,7 @@ def room_around(motion: Motion, duration: float) -> tuple[NDArray[np.float64], N
 def _recording(
     config: SimulationConfig, scene: Scene, motion: Motion, left: Events, right: Events
 ) -> SimulatedRecording:
-    """Put t = 0 at the first event of either camera."""
+    """Return the recording with t = 0 at the first event of either camera."""
     first = min((side.t[0] for side in (left, right) if len(side)), default=0.0)
     last = max((side.t[-1] for side in (left, right) if len(side)), default=first)
     stamps = np.linspace(0.0, config.duration, round(config.duration * GROUND_TRUTH_RATE) + 1)
@@ -196,5 +196,5 @@ def _recording(
 
 
 def _later(events: Events, seconds: float) -> Events:
-    """The same events with t = 0 so many seconds later, in whole microseconds again."""
+    """Return the same events with t = 0 moved later by `seconds`, in whole microseconds."""
     return replace(events, t=np.rint((events.t - seconds) * 1e6) / 1e6)

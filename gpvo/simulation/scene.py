@@ -1,4 +1,4 @@
-"""A textured box room with boxes in it, seen by a pinhole camera: exact depth and brightness."""
+"""Textured room with boxes, seen by a pinhole camera: exact depth and brightness."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _TEXELS_PER_METRE = 50.0
 _WALLS = 6
 _MASK = TEXELS - 1
 _CENTRE = TEXELS / 2
-"""Texel at the world's origin: shapes are cut at a texture's border, far off in small rooms."""
+"""Texel at the world's origin, far from the texture's border, where shapes are cut."""
 
 _VERTICES = np.array(list(product((0, 1), repeat=3)))
-"""(8, 3) for each vertex of a box, whether it has the lowest or highest x, y and z."""
+"""(8, 3), whether each vertex of a box has the lowest (0) or highest (1) x, y and z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,8 @@ class Scene:
     boxes
         (B, 2, 3) lowest and highest corner of each box in the world frame (z up), metres.
     textures
-        (6, levels, texels, texels) float32, log intensity; face k of box b bears texture b + k.
+        (6, levels, texels, texels) float32, log intensity; face k of box b has texture
+        (b + k) mod 6.
     """
 
     boxes: Array
@@ -42,7 +43,7 @@ class Scene:
     def random(
         room: Array, keep_clear: Array, number_of_boxes: int, rng: np.random.Generator
     ) -> Scene:
-        """A room (2, 3) with boxes that stay off the box `keep_clear` (2, 3), both in metres."""
+        """Draw a room (2, 3) with boxes outside of the box `keep_clear` (2, 3), both in metres."""
         boxes = [room]
         while len(boxes) <= number_of_boxes:
             low = rng.uniform(room[0], room[1])
@@ -54,14 +55,14 @@ class Scene:
     def look(
         self, rays: Array, pixel_angle: float, T_world_cam: Array
     ) -> tuple[NDArray[np.float32], Array]:
-        """Log intensity (N,) and depth (N,) along rays (x, y, 1) of the camera frame.
+        """Return log intensity (N,) and depth (N,) along rays (x, y, 1) of the camera frame.
 
         Parameters
         ----------
         rays
             (N, 2) x and y of each ray at unit depth.
         pixel_angle
-            Width of a pixel at unit depth, 1 / focal length; chooses the level of detail.
+            Width of a pixel at unit depth, 1 / focal length; determines the level of detail.
         T_world_cam
             (4, 4) pose of the camera, inside the room.
         """
@@ -74,14 +75,15 @@ class Scene:
         return intensity, depth
 
     def depth(self, pixels: Array, K: Array, T_world_cam: Array) -> Array:
-        """Exact depth Z (N,), metres, of (N, 2) pixels of a pinhole camera K (3, 3)."""
+        """Return the exact depth Z (N,), metres, of pixels (N, 2) of a pinhole camera K (3, 3)."""
         return self.look(pixel_rays(pixels, K), 1.0 / K[0, 0], T_world_cam)[1]
 
 
 def _image_bounds(corners: Array, R_world_cam: Array) -> Array:
-    """(B, 2, 2) lowest and highest x and y at unit depth of boxes, given from the camera.
+    """Return the lowest and highest x and y at unit depth of boxes, (B, 2, 2).
 
-    Boxes behind the camera get empty bounds, those partly behind it unlimited ones.
+    `corners` are relative to the camera's position, in axes of the world. Boxes behind the camera
+    get empty bounds, those partly behind it unlimited ones.
     """
     points = corners[:, _VERTICES, np.arange(3)] @ R_world_cam
     in_front = points[:, :, 2] > 0.0
@@ -95,12 +97,12 @@ def _image_bounds(corners: Array, R_world_cam: Array) -> Array:
 
 
 def pixel_rays(pixels: Array, K: Array) -> Array:
-    """(N, 2) points at unit depth that are seen at (N, 2) pixels of a pinhole camera K (3, 3)."""
+    """Return points (N, 2) at unit depth that a pinhole camera K (3, 3) sees at pixels (N, 2)."""
     return (pixels - K[:2, 2]) / np.diag(K)[:2]
 
 
 def pixel_grid(columns: Array, rows: Array) -> Array:
-    """(N, 2) pixels at the crossings of columns and rows, row by row."""
+    """Return pixels (N, 2) at the crossings of columns and rows, row by row."""
     u, v = np.meshgrid(columns, rows)
     return np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
 
@@ -117,9 +119,9 @@ def _look(
     intensity: NDArray[np.float32],
     depth: Array,
 ) -> None:
-    """Cut every ray with every box (slab method) and look its texture up at the nearest face.
+    """Intersect every ray with every box (slab method) and sample the texture of the nearest face.
 
-    `corners` are those of the boxes as seen from the camera's position, in axes of the world.
+    `corners` are those of the boxes relative to the camera's position, in axes of the world.
     """
     slope, inverse = np.empty(3), np.empty(3)  # metres of world per metre of depth
     far = np.empty(3, np.int64)  # the corner on whose side the ray leaves
@@ -129,7 +131,7 @@ def _look(
         for axis in range(3):
             slope[axis] = R[axis, 0] * rays[i, 0] + R[axis, 1] * rays[i, 1] + R[axis, 2]
             inverse[axis] = 1.0 / slope[axis]
-            far[axis] = 1 if inverse[axis] > 0.0 else 0  # right for slopes of 0 and -0, too
+            far[axis] = 1 if inverse[axis] > 0.0 else 0  # also correct for slopes of 0 and -0
             squared_length += slope[axis] * slope[axis]
             wall = corners[0, far[axis], axis] * inverse[axis]
             if wall < nearest:
@@ -165,7 +167,7 @@ def _look(
 def _texture_value(
     textures: NDArray[np.float32], index: int, column: float, row: float, pixel: float
 ) -> float:
-    """Trilinear value at a texel of a texture, for a pixel that covers so many texels."""
+    """Return a texture's trilinear value at a texel, for a pixel that covers `pixel` texels."""
     level = 0
     while pixel > 2.0 and level < LEVELS - 2:
         level, pixel = level + 1, 0.5 * pixel

@@ -14,7 +14,7 @@ LEVELS = 5
 """Levels of detail; level k suits pixels that cover 2**k texels."""
 
 _SHAPES = ((80, 40.0, 80.0), (100, 15.0, 40.0), (300, 4.0, 12.0))
-"""Shapes painted on a texture, coarse below fine: how many, smallest and largest radius, texels."""
+"""Shapes painted on a texture, coarse below fine: number, smallest and largest radius in texels."""
 
 _CONTRAST = 1.8
 """Range of the shapes' log intensity, about a factor of six in brightness."""
@@ -24,12 +24,12 @@ _NOISE = 0.04
 
 
 def random_textures(number: int, rng: np.random.Generator) -> NDArray[np.float32]:
-    """(number, LEVELS, TEXELS, TEXELS) log intensities, periodic in rows and columns."""
+    """Draw log intensities (number, LEVELS, TEXELS, TEXELS), periodic in rows and columns."""
     return np.stack([_levels_of_detail(_random_texture(rng)) for _ in range(number)])
 
 
 def _random_texture(rng: np.random.Generator) -> NDArray[np.float32]:
-    """Polygons and discs of random brightness, and noise between two wavelengths."""
+    """Draw polygons and discs of random brightness, and noise between two wavelengths."""
     image = np.full((TEXELS, TEXELS), 128, np.uint8)
     for number, smallest, largest in _SHAPES:
         for radius in rng.uniform(smallest, largest, number):
@@ -54,12 +54,12 @@ def _paint_shape(image: NDArray[np.uint8], radius: float, rng: np.random.Generat
 
 
 def _levels_of_detail(texture: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(LEVELS, TEXELS, TEXELS), each level blurred by 0.6 of the pixels it suits."""
+    """Return (LEVELS, TEXELS, TEXELS), each level blurred by 0.6 of the pixel size it suits."""
     return np.stack([_blurred(texture, 0.6 * 2**level) for level in range(LEVELS)])
 
 
 def _blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
-    """Gaussian blur by sigma texels that wraps around the borders."""
+    """Blur by a Gaussian of sigma texels that wraps around the borders."""
     rows = np.fft.fftfreq(TEXELS).astype(np.float32)[:, None]
     columns = np.fft.rfftfreq(TEXELS).astype(np.float32)
     gain = np.exp(-2.0 * (np.pi * sigma) ** 2 * (rows**2 + columns**2)).astype(np.float32)

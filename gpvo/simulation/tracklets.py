@@ -1,6 +1,6 @@
-"""Tracklets without events: a motion drawn from the WNOA prior, points, and noisy measurements.
+"""Simulate tracklets without events: a motion of the WNOA prior, points, noisy measurements.
 
-What the estimator assumes is exactly true here, so that its covariances can be put to the test.
+The estimator's assumptions hold exactly here, so that its covariances can be tested.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gpvo.trajectory import States
 Array = NDArray[np.float64]
 
 CAMERA = StereoCamera(226.0, 226.0, 173.0, 130.0, 0.10)
-"""A DAVIS 346 pair, as of MVSEC."""
+"""A pair of DAVIS 346, like that of MVSEC."""
 
 IMAGE = np.array([346.0, 260.0])
 
@@ -32,11 +32,11 @@ class TrackletSimulation:
     Attributes
     ----------
     noise
-        Of the motion and the measurements; the first velocity has its standard deviation, too.
+        Noise of the motion and the measurements, and standard deviation of the first velocity.
     per_cluster
         New landmarks in each cluster.
     length
-        Clusters that a landmark is measured in, while it is in view.
+        Number of clusters in which a landmark is measured, while it is in view.
     period
         Duration of a cluster, seconds.
     disparity
@@ -53,7 +53,7 @@ class TrackletSimulation:
     camera: StereoCamera = CAMERA
 
     def motion(self, duration: float, rng: np.random.Generator) -> States:
-        """A sample of the WNOA process every 5 ms, from the origin at t = 0 on."""
+        """Draw a sample of the WNOA process every 5 ms, starting at the origin at t = 0."""
         dt = 0.005
         root = np.linalg.cholesky(wnoa_covariance(dt, self.noise.acceleration_psd))
         T, twist = [np.eye(4)], [self.noise.initial_velocity * rng.standard_normal(6)]
@@ -68,7 +68,7 @@ class TrackletSimulation:
     def clusters(
         self, motion: States, rng: np.random.Generator
     ) -> Iterator[tuple[float, Measurements]]:
-        """The end of each cluster and its measurements, in order of time, microseconds whole."""
+        """Yield the end of each cluster and its measurements, in time order, whole microseconds."""
         number, points = np.empty(0, np.int64), np.empty((0, 3))
         for frame in range(int(np.floor(motion.t[-1] / self.period + 1e-9))):
             first = frame * self.per_cluster
@@ -86,7 +86,7 @@ class TrackletSimulation:
         motion: States,
         rng: np.random.Generator,
     ) -> Measurements:
-        """Noisy measurements of the points (N, 3) that are in view at random times."""
+        """Return noisy measurements, at random times, of the points (N, 3) that are in view."""
         t = np.sort(np.round((frame + rng.random(len(number))) * self.period, 6))
         order = rng.permutation(len(number))
         number, points = number[order], points[order]
@@ -101,7 +101,7 @@ class TrackletSimulation:
         return Measurements(number[seen], np.full(len(seen), frame), t[seen], stereo)
 
     def _new_points(self, frame: int, motion: States, rng: np.random.Generator) -> Array:
-        """(per_cluster, 3) points of the world in view in the middle of a cluster."""
+        """Return world points (per_cluster, 3) that are in view in the middle of a cluster."""
         low, high = self.disparity
         corner = [0.1 * IMAGE[0], 0.1 * IMAGE[1], low]
         stereo = rng.uniform(corner, [0.9 * IMAGE[0], 0.9 * IMAGE[1], high], (self.per_cluster, 3))

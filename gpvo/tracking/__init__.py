@@ -1,4 +1,4 @@
-"""Clusters become tracklets, landmarks measured at times of their own, section III-A.2."""
+"""Tracking of landmarks through clusters, each measured at its own time, section III-A.2."""
 
 from gpvo.tracking.measurements import Measurements, seen_twice
 from gpvo.tracking.observations import Observations

@@ -30,7 +30,7 @@ CORNER_MASK = np.outer([1, 1, 0, -1, -1], [1, 1, 0, -1, -1]).astype(np.float32)
 SOBEL_SMOOTHING = np.array([1, 4, 6, 4, 1], np.float32)
 SOBEL_DERIVATIVE = np.array([1, 2, 0, -2, -1], np.float32)
 
-# Where the two gradients are sampled around a feature: (dx, dy) in pixels.
+# Offsets (dx, dy) in pixels from a feature at which both gradients are sampled.
 DESCRIPTOR_OFFSETS = np.array(
     [
         (sign_x * dx, sign_y * dy)
@@ -53,7 +53,7 @@ class Features(ArrayTable):
     kind
         (N,) int32: 0 minimum and 1 maximum of the blob response, 2 and 3 of the corner response.
     strength
-        (N,) float32 response of the filter, relative to its largest possible one.
+        (N,) float32 response of the filter, relative to its largest possible response.
     descriptors
         (N, 32) uint8 gradients around the point, compared by their sum of absolute differences.
     """
@@ -73,9 +73,9 @@ def detect(image: NDArray[np.uint8], config: FeatureConfig) -> Features:
 def extrema(
     image: NDArray[np.uint8], nms_radius: int, threshold: float
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
-    """Points (N, 2), kinds (N,) and strengths (N,) of the extrema of both filter responses.
+    """Find the points (N, 2), kinds (N,) and strengths (N,) of the extrema of both responses.
 
-    The strength is the response relative to the filter's largest possible one.
+    The strength is the response of a filter, relative to its largest possible response.
     """
     found = []
     for first_kind, mask in ((0, BLOB_MASK), (2, CORNER_MASK)):
@@ -96,9 +96,10 @@ def strongest_spaced(
     spacing: int,
     count: int,
 ) -> NDArray[np.int64]:
-    """Indices of the strongest points that keep `spacing` pixels from each other and `taken`.
+    """Return the indices of the strongest points `spacing` pixels from each other and from `taken`.
 
-    Distances are the larger one of columns and rows. At most `count` are returned, strongest first.
+    The distance is the larger one of the distances in columns and rows. At most `count` indices are
+    returned, the strongest first.
     """
     order = np.argsort(-strength, kind="stable")
     everything = np.concatenate([np.rint(taken).astype(np.int32), points[order]])
@@ -134,9 +135,10 @@ def _greedy_spacing(
 def block_maxima(
     response: NDArray[np.float32], radius: int, threshold: float, margin: int
 ) -> NDArray[np.int32]:
-    """Local maxima (N, 2) by Neubeck and Van Gool's block non-maximum suppression, ICPR 2006.
+    """Find local maxima (N, 2) by block non-maximum suppression (Neubeck and Van Gool, ICPR 2006).
 
-    One candidate per block of radius + 1 pixels; it stays if nothing within the radius exceeds it.
+    Each block of radius + 1 pixels has one candidate. It stays if nothing within the radius exceeds
+    it.
     """
     height, width = response.shape
     found = np.empty((height * width // (radius + 1) ** 2 + 1, 2), np.int32)
@@ -167,7 +169,7 @@ def _is_maximum(response: NDArray[np.float32], u: int, v: int, radius: int, marg
 
 
 def gradients(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(height, width, 2) horizontal and vertical 5 x 5 Sobel response, mapped to 0..255."""
+    """Compute the horizontal and vertical 5 x 5 Sobel response (height, width, 2) in 0..255."""
     source = image.astype(np.float32)
     return np.stack(
         [
@@ -183,14 +185,14 @@ def _as_bytes(gradient: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def describe(gradient: NDArray[np.uint8], points: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """Descriptors (N, 32) of points (N, 2) from the gradients of their image."""
+    """Compute the descriptors (N, 32) of points (N, 2) from the gradients of their image."""
     columns = points[:, 0, None] + DESCRIPTOR_OFFSETS[:, 0]
     rows = points[:, 1, None] + DESCRIPTOR_OFFSETS[:, 1]
     return gradient[rows, columns].reshape(len(points), 2 * len(DESCRIPTOR_OFFSETS))
 
 
 def half_resolution(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Mean of every 2 x 2 block, rounded down."""
+    """Compute the mean of every 2 x 2 block, rounded down."""
     height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     wide = image[:height, :width].astype(np.uint16)
     return ((wide[::2, ::2] + wide[::2, 1::2] + wide[1::2, ::2] + wide[1::2, 1::2]) // 4).astype(
@@ -199,6 +201,9 @@ def half_resolution(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def smooth(image: NDArray[np.uint8], deviation: float) -> NDArray[np.uint8]:
-    """Gaussian blur of a binary frame, brightened so that thin contours keep their contrast."""
+    """Blur a binary frame by a Gaussian and brighten it.
+
+    Brightening keeps the contrast of thin contours.
+    """
     blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), deviation)
     return np.clip(blurred * 1.5 * deviation, 0, 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Stereo measurements of landmarks, each at its own time: what the estimator is given."""
+"""Stereo measurements of landmarks, each at its own time: the input of the estimator."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Measurements(ArrayTable):
     landmark
         (N,) int64 identity of the landmark.
     frame
-        (N,) int64 number of the cluster that it was seen in.
+        (N,) int64 number of the cluster in which it was seen.
     t
         (N,) float64 seconds.
     stereo
@@ -42,6 +42,9 @@ class Measurements(ArrayTable):
 
 
 def seen_twice(measurements: Measurements) -> Measurements:
-    """The measurements of landmarks that have at least two; one alone tells no motion."""
+    """Return the measurements of landmarks that have at least two.
+
+    A single measurement contains no information on the motion.
+    """
     landmarks, count = np.unique(measurements.landmark, return_counts=True)
     return measurements[np.isin(measurements.landmark, landmarks[count >= 2])]

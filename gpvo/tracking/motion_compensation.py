@@ -1,8 +1,9 @@
-"""Motion-compensated event images: every event where its contour was at one reference time.
+"""Motion-compensated event images: events are moved to their positions at one reference time.
 
-Contours stay thin however long the cluster. Events are moved along the image motion of the latest
-tracked features, which is taken to be the same between neighbours and to go on as it was. What that
-gets wrong cancels where it matters: a feature is moved back to the mean time of its own events.
+Contours stay thin however long the cluster is. Events are moved along the image motion of the
+latest tracked features. This motion is assumed to be the same between neighbouring features and
+constant in time. Errors of this assumption cancel for features, because each feature is moved back
+to the mean time of its own events.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ Flow = NDArray[np.float32]
 """(height, width, 2) image motion, pixels per second."""
 
 CELL = 8
-"""Side of the cells that the image motion is averaged for, pixels; it is interpolated between."""
+"""Side of the cells of averaged image motion, pixels; motion is interpolated between cells."""
 PULL = 0.05
-"""Weight of the median motion, in features at a cell's own place."""
+"""Weight of the median motion, where a feature at the centre of a cell has the weight 1."""
 LEAST_FEATURES = 8
-"""Features below which nothing is said of the image motion."""
+"""Number of features below which the image motion is unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +39,13 @@ class CompensatedImage:
     Attributes
     ----------
     reference
-        Seconds.
+        Reference time, seconds.
     flow
-        The image motion that they were moved along.
+        Image motion along which the events were moved.
     count
-        (height, width) events per pixel, shared among the four pixels around each of them.
+        (height, width) events per pixel; each is shared among the four pixels around it.
     delay
-        (height, width) sum of these events' times after the reference time, seconds.
+        (height, width) sum of the times of these events after the reference time, seconds.
     """
 
     reference: float
@@ -61,14 +62,15 @@ class CompensatedImage:
 
     @property
     def picture(self) -> NDArray[np.uint8]:
-        """(height, width) image that tends to 255 as events per pixel grow."""
+        """Image (height, width) 255 (1 - exp(-count))."""
         return np.rint(255 * (1 - np.exp(-self.count.astype(np.float32)))).astype(np.uint8)
 
     def at_own_times(self, points: Array, radius: float) -> tuple[Array, Array]:
-        """Points (N, 2) of the picture where they were at the mean times (N,) of their events.
+        """Move points (N, 2) of the picture to the mean times (N,) of their events; return both.
 
         The mean is over the events within `radius` pixels. If the image motion is wrong, the
-        picture is off by that error times the mean delay of its events, and so is the way back.
+        picture is off by that error times the mean delay of its events. The way back is off by the
+        same amount, so that the errors cancel.
         """
         later = _mean_delays(self.count, self.delay, points, radius)
         height, width = self.count.shape
@@ -77,9 +79,9 @@ class CompensatedImage:
 
 
 class MotionCompensation:
-    """Makes the pictures of clusters, and learns the image motion from what is tracked in them.
+    """Pictures of clusters, compensated by the image motion of the features tracked in them.
 
-    `frames` is the number of latest clusters that observations may be of.
+    `frames` is the number of latest clusters to which observations may belong.
     """
 
     def __init__(self, config: CompensationConfig, frames: int) -> None:
@@ -89,7 +91,7 @@ class MotionCompensation:
         self._recent: Observations | None = None
 
     def pictures(self, cluster: StereoCluster) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """Left and right picture of a new cluster, of its middle."""
+        """Make the left and right picture of a new cluster at the middle of its interval."""
         middle = 0.5 * (cluster.start + cluster.stop)
         left, right = (
             CompensatedImage.of_events(image.events(), flow, middle)
@@ -100,9 +102,9 @@ class MotionCompensation:
         return left.picture, right.picture
 
     def timed(self, seen: Observations) -> Observations:
-        """What was seen in pictures, moved to the mean times of its events, with these times.
+        """Move observations from the pictures to the mean times of their events; add the times.
 
-        Disparities stay those of the pictures, whose two sides have one time.
+        Disparities stay those of the pictures, because both pictures have the same reference time.
         """
         self._remember(seen)
         left, times = seen.left.copy(), np.empty((len(seen), 2))
@@ -114,12 +116,12 @@ class MotionCompensation:
         return replace(seen, left=left, right=seen.right + left - seen.left, own_times=times)
 
     def _remember(self, seen: Observations) -> None:
-        """Keep what was seen in the two latest clusters."""
+        """Keep the observations of the two latest clusters."""
         known = seen if self._recent is None else Observations.concatenate([self._recent, seen])
         self._recent = known[known.frame >= self._frame_count - 2]
 
     def _flows(self, cluster: StereoCluster) -> tuple[Flow, Flow]:
-        """Image motion between the two latest clusters, left and right; none if unknown."""
+        """Estimate left and right image motion between the two latest clusters; 0 if unknown."""
         shape = cluster.left.surface_of_active_events.shape
         nothing: Flow = np.zeros((*shape, 2), np.float32)
         if self._recent is None or len(self._images) < 2:
@@ -141,10 +143,11 @@ class MotionCompensation:
 def flow_between(
     earlier: Array, later: Array, dt: float, shape: tuple[int, int], reach: float
 ) -> Flow:
-    """Image motion of all pixels from features at points (N, 2) that moved to others within dt.
+    """Estimate the image motion of all pixels from features that moved within dt seconds.
 
-    A mean of the features' motions, weighted by a Gaussian of the distance whose standard deviation
-    is `reach` pixels; the median motion where there are none. `shape` is the image's.
+    `earlier` and `later` are the pixels (N, 2) of the same features, and `shape` is that of the
+    image. The motion is the mean of the features' motions, weighted by a Gaussian of the distance
+    with the standard deviation `reach` pixels. Far from all features it is their median motion.
     """
     height, width = shape
     motion = (later - earlier) / dt
@@ -159,7 +162,7 @@ def flow_between(
 
 @njit(cache=True)
 def _splat(points: Array, delays: Array, flow: Flow, count: Array, delay: Array) -> None:
-    """Add events to the four pixels around their places at the reference time (bilinear)."""
+    """Add events to the four pixels around their positions at the reference time (bilinear)."""
     height, width = count.shape
     for i in range(len(delays)):
         u, v = points[i]
@@ -178,7 +181,7 @@ def _splat(points: Array, delays: Array, flow: Flow, count: Array, delay: Array)
 
 @njit(cache=True)
 def _mean_delays(count: Array, delay: Array, points: Array, radius: float) -> Array:
-    """Mean delay (N,) of the events within a radius of points (N, 2); 0 where there are none."""
+    """Compute the mean delay (N,) of the events within a radius of points (N, 2); 0 if none."""
     height, width = count.shape
     means = np.zeros(len(points))
     for i in range(len(points)):

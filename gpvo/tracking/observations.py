@@ -1,4 +1,4 @@
-"""Where landmarks were seen in the rectified stereo frames of clusters."""
+"""Observations of landmarks in the rectified stereo frames of clusters."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Observations(ArrayTable):
         (N, 2) float64 pixel (u, v) in the left and the right image.
     own_times
         (N, 2) float64 seconds at which the landmark was at the left and at the right pixel, NaN
-        where unknown; None if the tracker has no times of its own. What is unknown is told by the
+        where unknown; None if the tracker has no times of its own. Unknown times are taken from the
         events around the pixel.
     """
 
@@ -37,15 +37,15 @@ class Observations(ArrayTable):
 
     @property
     def disparity(self) -> NDArray[np.float64]:
-        """(N,) left column minus right column, pixels."""
+        """Disparity (N,): left column minus right column, pixels."""
         return self.left[:, 0] - self.right[:, 0]
 
     @property
     def times(self) -> NDArray[np.float64]:
-        """(N, 2) the tracker's own times, left and right, seconds; NaN where it has none."""
+        """Times (N, 2) of the tracker, left and right, seconds; NaN where it has none."""
         return np.full((len(self), 2), np.nan) if self.own_times is None else self.own_times
 
     @classmethod
     def concatenate(cls, parts: Iterable[Observations]) -> Observations:
-        """Join several sets of observations, one at least."""
+        """Join one or more sets of observations."""
         return super().concatenate(replace(part, own_times=part.times) for part in parts)

@@ -1,4 +1,4 @@
-"""What a tracker gives, whatever its features: landmarks observed in stereo clusters.
+"""Trackers, which observe landmarks in stereo clusters by features of any kind.
 
 Section III-A.2 of the paper: any feature detector and tracker can be used.
 """
@@ -25,26 +25,26 @@ StereoImage = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 class Tracker(Protocol):
-    """Follows features through the clusters it is given, in order of time.
+    """Tracker that follows features through clusters, given in order of time.
 
     Any object with this method is a tracker: `Odometry(rig, tracker=mine)`.
     """
 
     def track(self, cluster: StereoCluster) -> Observations:
-        """Observations that a new cluster adds, in it or in earlier ones."""
+        """Return the observations that a new cluster adds, in it or in earlier clusters."""
         ...
 
 
 class ImageTracker(Protocol):
-    """Follows features through the stereo images it is given, one pair after the other."""
+    """Tracker that follows features through pairs of stereo images, given in order of time."""
 
     def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Observations:
-        """Observations that the new pair of images adds."""
+        """Return the observations that a new pair of images adds."""
         ...
 
 
 def make_tracker(config: TrackingConfig) -> Tracker:
-    """The tracker that the configuration names."""
+    """Make the tracker that the configuration names."""
     return EventTracker(config) if config.tracker == "event" else MultiResolutionTracker(config)
 
 
@@ -62,7 +62,7 @@ class MultiResolutionTracker:
         self._trackers: Sequence[ImageTracker] = [make(config) for _ in config.resolutions]
 
     def track(self, cluster: StereoCluster) -> Observations:
-        """Observations that a new cluster adds."""
+        """Return the observations that a new cluster adds."""
         full = self._images(cluster)
         parts = []
         for index, (resolution, tracker) in enumerate(
@@ -93,5 +93,5 @@ class MultiResolutionTracker:
 
 
 def to_full_resolution(points: NDArray[np.float64], resolution: int) -> NDArray[np.float64]:
-    """Full-resolution position of pixels whose side is `resolution` full pixels."""
+    """Return the full-resolution position of pixels whose side is `resolution` full pixels."""
     return points * resolution + (resolution - 1) / 2

@@ -1,4 +1,4 @@
-"""Tracklets: landmarks measured at the times of their own events, and the filters for them.
+"""Tracklets of landmarks, measured at the times of their own events, and their filters.
 
 Section III-A.2 of the paper.
 """
@@ -22,7 +22,7 @@ Surfaces = tuple[Array, Array]
 
 
 class Tracklets:
-    """The measurements of the latest clusters, those that passed the filters of their own."""
+    """Measurements of the latest clusters that passed the filters of single measurements."""
 
     def __init__(self, config: TrackletConfig) -> None:
         self._config = config
@@ -32,8 +32,8 @@ class Tracklets:
         self._taken = np.empty(0, bool)
 
     def add(self, cluster: StereoCluster, observations: Observations) -> None:
-        """Take the observations that a new cluster added, in it or in earlier ones."""
-        # Not the cluster, whose events would stay in memory.
+        """Add the observations of a new cluster, which lie in it or in earlier clusters."""
+        # Only the surfaces are kept: a cluster would keep its events in memory.
         surfaces = (
             cluster.left.surface_of_active_events,
             cluster.right.surface_of_active_events,
@@ -46,9 +46,10 @@ class Tracklets:
         self._taken = np.append(self._taken, np.zeros(sum(map(len, new)), bool))
 
     def pairs(self, span: int) -> tuple[Measurements, Measurements]:
-        """Measurements (N,) of up to `span` clusters ago, and of the same landmarks in the newest.
+        """Return pairs of an earlier and the newest measurement of the same landmarks, (N,) each.
 
-        The earlier ones are the first of their landmarks in the span.
+        The newest is in the newest cluster. The earlier is the first of its landmark in that
+        cluster and the `span` clusters before it; a pair needs two different times.
         """
         newest = self._cluster_count - 1
         measurements = self._measurements[self._long_enough()]
@@ -60,14 +61,14 @@ class Tracklets:
         return earlier[i[moving]], later[j[moving]]
 
     def take(self, inliers: NDArray[np.int64]) -> Measurements:
-        """Measurements of these landmarks that were not taken before."""
+        """Take the measurements of the landmarks `inliers` that were not taken before."""
         index = self._long_enough()
         index = index[np.isin(self._measurements.landmark[index], inliers) & ~self._taken[index]]
         self._taken[index] = True
         return self._measurements[index]
 
     def reject(self, outliers: NDArray[np.int64]) -> None:
-        """Forget the measurements that the newest cluster made of these landmarks."""
+        """Remove the measurements of the landmarks `outliers` in the newest cluster."""
         newest = self._measurements.frame == self._cluster_count - 1
         self._keep(~(newest & np.isin(self._measurements.landmark, outliers)))
 
@@ -75,9 +76,10 @@ class Tracklets:
         self._measurements, self._taken = self._measurements[mask], self._taken[mask]
 
     def _long_enough(self) -> NDArray[np.int64]:
-        """Measurements of tracklets that pass the length and duration filters, in time order.
+        """Return the indices of measurements whose tracklets pass the length and duration filters.
 
-        A tracklet's length is the distance between its first and its last left image point.
+        They are in order of landmark, then of time. The length of a tracklet is the distance
+        between its first and its last left image point.
         """
         known = self._measurements
         order = np.lexsort((known.t, known.landmark))
@@ -93,7 +95,7 @@ class Tracklets:
         return order[passed[tracklet]]
 
     def _measure(self, number: int, surfaces: Surfaces, observations: Observations) -> Measurements:
-        """Time the observations of one cluster; drop those that fail the stereo filters."""
+        """Assign times to the observations of one cluster and apply the stereo filters."""
         seen = observations.frame == number
         left, right = observations.left[seen], observations.right[seen]
         disparity = observations.disparity[seen]
@@ -113,7 +115,7 @@ class Tracklets:
         )[passed]
 
     def _times(self, surface: Array, points: Array, own: Array) -> Array:
-        """The tracker's own times (N,) of points (N, 2), and the surface's where it has none."""
+        """Return the times (N,) of points (N, 2): the tracker's own, else those of the surface."""
         known = np.isfinite(own)
         times = own.copy()
         times[~known] = feature_times(surface, points[~known], self._config.time_radius)
@@ -124,10 +126,11 @@ class Tracklets:
 def feature_times(
     surface: NDArray[np.float64], points: NDArray[np.float64], radius: float
 ) -> NDArray[np.float64]:
-    """Times (N,) of features at points (N, 2) from a surface of active events (height, width).
+    """Compute the times (N,) of features at points (N, 2) from a surface of active events.
 
-    The mean of the events' times within `radius` pixels; that of the nearest event where there are
-    none, or if the radius is 0. NaN if the surface is empty.
+    The surface is (height, width). The time of a feature is the mean of the events' times within
+    `radius` pixels. It is the time of the nearest event if the radius is 0 or contains no event,
+    and NaN if the surface is empty.
     """
     times = np.empty(len(points))
     for i in range(len(points)):
@@ -154,7 +157,7 @@ def _mean_time(surface: NDArray[np.float64], u: float, v: float, radius: float) 
 
 @njit(cache=True)
 def _nearest_time(surface: NDArray[np.float64], u: float, v: float) -> float:
-    """Time of the event nearest to (u, v), searched in growing squares."""
+    """Return the time of the event nearest to (u, v), searched in growing squares."""
     height, width = surface.shape
     centre_column, centre_row = int(np.rint(u)), int(np.rint(v))
     best, nearest = np.nan, np.inf

@@ -1,4 +1,4 @@
-"""Poses at absolute stamps: what ground truth files and other systems' trajectories hold."""
+"""Poses at absolute stamps, such as ground truth and trajectories of other systems."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gpvo.errors import InputError
 
 ROTATION_TOLERANCE = 1e-3
-"""Largest entry of RᵀR - 1; files with four decimals pass."""
+"""Largest allowed entry of RᵀR - 1; files with four decimals pass."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class StampedPoses:
     def read_from(
         place: str, stamps_ns: NDArray[np.int64], T_world_cam: NDArray[np.float64]
     ) -> StampedPoses:
-        """Poses read from a file; errors name the place, a file or a part of one."""
+        """Make poses that were read from a file; errors name `place`, a file or a part of one."""
         try:
             return StampedPoses(stamps_ns, T_world_cam)
         except InputError as error:
@@ -85,13 +85,13 @@ class StampedPoses:
         return self.T_world_cam[:, :3, 3]
 
     def between(self, start_ns: int, stop_ns: int) -> StampedPoses:
-        """Poses with start_ns <= stamp <= stop_ns."""
+        """Return the poses with start_ns <= stamp <= stop_ns."""
         first = np.searchsorted(self.stamps_ns, start_ns, side="left")
         last = np.searchsorted(self.stamps_ns, stop_ns, side="right")
         return self[first:last]
 
     def interpolate(self, stamps_ns: ArrayLike) -> StampedPoses:
-        """Poses at the given increasing stamps, linear in position and in rotation (slerp).
+        """Interpolate at increasing stamps, linearly in position and in rotation (slerp).
 
         Raises
         ------
@@ -112,7 +112,7 @@ class StampedPoses:
         return StampedPoses(query, rigid_transforms(rotations, positions))
 
     def require_cover(self, query: NDArray[np.int64]) -> None:
-        """Raise InputError where these stamps cannot be interpolated."""
+        """Raise InputError if these stamps cannot be interpolated."""
         if len(self) < 2:
             raise InputError("interpolation needs at least two poses")
         if len(query) and (query.min() < self.stamps_ns[0] or query.max() > self.stamps_ns[-1]):
@@ -123,18 +123,18 @@ class StampedPoses:
             )
 
     def seen_from(self, T_cam_body: NDArray[np.float64]) -> StampedPoses:
-        """T_world_body of a body that is fixed to the camera, given its pose T_cam_body (4, 4)."""
+        """Return T_world_body of a body that is fixed to the camera, given T_cam_body (4, 4)."""
         return StampedPoses(self.stamps_ns, self.T_world_cam @ T_cam_body)
 
     def in_world(self, T_new_world: NDArray[np.float64]) -> StampedPoses:
-        """The same poses expressed in another world frame, given T_new_world (4, 4)."""
+        """Express the poses in another world frame, given T_new_world (4, 4)."""
         return StampedPoses(self.stamps_ns, T_new_world @ self.T_world_cam)
 
 
 def rigid_transforms(
     rotations: NDArray[np.float64], positions: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(N, 4, 4) transforms of rotations (N, 3, 3) and positions (N, 3)."""
+    """Return the transforms (N, 4, 4) of rotations (N, 3, 3) and positions (N, 3)."""
     transforms = np.zeros((len(positions), 4, 4))
     transforms[:, :3, :3] = rotations
     transforms[:, :3, 3] = positions
@@ -143,11 +143,11 @@ def rigid_transforms(
 
 
 def quaternions(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 4) unit quaternions x, y, z, w with w >= 0 of rotations (N, 3, 3)."""
+    """Return the unit quaternions (N, 4) of rotations (N, 3, 3): x, y, z, w with w >= 0."""
     return Rotation.from_matrix(rotations).as_quat(canonical=True)
 
 
 def seconds_text(stamp_ns: int) -> str:
-    """Seconds with nine decimals, exactly."""
+    """Format a stamp in seconds with nine decimals, exactly."""
     sign, magnitude = "-" if stamp_ns < 0 else "", abs(int(stamp_ns))
     return f"{sign}{magnitude // 10**9}.{magnitude % 10**9:09d}"

@@ -1,4 +1,4 @@
-"""States of a trajectory while it is estimated: their latest values, in order of time."""
+"""Latest values of a trajectory's states during the estimation, in order of time."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ class States(ArrayTable):
 
     @property
     def nbytes(self) -> int:
-        """Size of the arrays."""
+        """Size of the arrays, bytes."""
         return self.t.nbytes + self.T_world_cam.nbytes + self.twist.nbytes
 
     def after(self, t: float) -> States:
-        """Those later than t."""
+        """Return the states later than t."""
         return self[int(np.searchsorted(self.t, t, "right")) :]
 
     def at(self, t: Array, twist_ahead: Array | None = None) -> States:
-        """States at times t (N,) by interpolation; see `query`."""
+        """Return the states at times t (N,), see `query`."""
         return States(t, *self.query(t, twist_ahead))
 
     def query(self, t: Array, twist_ahead: Array | None = None) -> tuple[Array, Array]:
-        """Poses (N, 4, 4) and twists (N, 6) at times t (N,).
+        """Return the poses (N, 4, 4) and twists (N, 6) at times t (N,).
 
-        Before the first and beyond the last state the motion goes on at the state's twist, or
-        beyond the last one at `twist_ahead`.
+        They are interpolated between states. Before the first state and after the last one the
+        motion continues at that state's twist; after the last one at `twist_ahead` if given.
         """
         inside = np.clip(t, self.t[0], self.t[-1])
         T, twist = self._interpolate(inside)
@@ -61,13 +61,13 @@ class States(ArrayTable):
 
 
 def bracket(knots: Array, t: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices (N,) of the knots before and after times t (N,) within the increasing knots (K,)."""
+    """Return the indices (N,) of the knots before and after times t (N,); knots (K,) increase."""
     after = np.clip(np.searchsorted(knots, t, "right"), 1, len(knots) - 1)
     return after - 1, after
 
 
 def later_states(parts: Sequence[States], after: float) -> States:
-    """Those later than `after` of states in parts, both in order of time."""
+    """Return the states later than `after` from parts in order of time."""
     later: list[States] = []
     for part in reversed(parts):
         if part.t[-1] <= after:

@@ -1,4 +1,4 @@
-"""The continuous trajectory: states joined by the WNOA prior, asked for at any time.
+"""The continuous trajectory: states joined by the WNOA prior, evaluated at any time.
 
 Section III-C.2 of the paper.
 """
@@ -45,8 +45,8 @@ class Trajectory:
     knots
         (M,) increasing indices of the states whose covariance is known.
     knot_covariance
-        (M - 1, 24, 24) joint covariances of each knot and the next: pose and velocity of the one,
-        then of the other; poses are perturbed on the right, rotation first.
+        (M - 1, 24, 24) joint covariances of each knot and the next: pose and velocity of the first,
+        then of the second. Poses are perturbed on the right, rotation first.
     """
 
     start_ns: int
@@ -61,7 +61,7 @@ class Trajectory:
     def of_states(
         states: States, knots: CovarianceKnots, noise: NoiseConfig, start_ns: int
     ) -> Trajectory:
-        """Trajectory of estimated states; the first of them becomes the world's origin."""
+        """Make the trajectory of estimated states; the first pose becomes the world frame."""
         return Trajectory(
             start_ns,
             states.t,
@@ -86,24 +86,24 @@ class Trajectory:
         return float(self.t[-1])
 
     def pose(self, t: ArrayLike, extrapolation: bool = False) -> Array:
-        """T_world_cam (..., 4, 4) at times t (...), seconds.
+        """Return T_world_cam (..., 4, 4) at times t (...), seconds.
 
         Raises
         ------
         InputError
-            If a time lies outside [start, stop] and extrapolation is not asked for.
+            If a time is not finite, or lies outside [start, stop] without `extrapolation`.
         """
         return self._query(t, extrapolation)[0]
 
     def velocity(self, t: ArrayLike, extrapolation: bool = False) -> Array:
-        """Body twist (..., 6), rotation first, at times t (...); raises as `pose` does."""
+        """Return the body twist (..., 6), rotation first, at times t (...); raises like `pose`."""
         return self._query(t, extrapolation)[1]
 
     def covariance(self, t: ArrayLike, extrapolation: bool = False) -> Array:
-        """Covariance (..., 12, 12) of pose and velocity at times t (...); raises as `pose` does.
+        """Return the covariance (..., 12, 12) of pose and velocity at times t; raises like `pose`.
 
-        The pose is perturbed on the right, rotation first, relative to the world, the first pose.
-        Between knots it is the Gaussian process' own, from the joint covariance of both.
+        The pose is perturbed on the right, rotation first, relative to the first pose. Between
+        knots the Gaussian process interpolates, given the joint covariance of both.
         """
         times = self._checked(t, extrapolation)
         flat = times.ravel()
@@ -126,11 +126,11 @@ class Trajectory:
         return np.asarray(covariance).reshape(*times.shape, 12, 12)
 
     def stamps_ns(self, t: ArrayLike) -> NDArray[np.int64]:
-        """Absolute stamps (...) of times t (...), nanoseconds."""
+        """Return the absolute stamps (...) of times t (...), nanoseconds."""
         return self.start_ns + np.rint(np.asarray(t, np.float64) * 1e9).astype(np.int64)
 
     def stamped_poses(self, t: ArrayLike | None = None) -> StampedPoses:
-        """Poses at times t (N,), by default at the states, with absolute stamps."""
+        """Return the poses at times t (N,), by default at the states, with absolute stamps."""
         times = self.t if t is None else np.asarray(t, np.float64)
         return StampedPoses(self.stamps_ns(times), self.pose(times))
 
@@ -139,7 +139,7 @@ class Trajectory:
         write_tum(path, self.stamped_poses(t))
 
     def save(self, path: Path | str) -> None:
-        """Write everything to one .npz file; a file of that name is replaced once it is whole."""
+        """Write everything to one .npz file; an existing file is replaced by the complete one."""
         columns = {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
         unfinished = Path(f"{path}.unfinished")
         with open(unfinished, "wb") as file:
@@ -148,7 +148,7 @@ class Trajectory:
 
     @staticmethod
     def load(path: Path | str) -> Trajectory:
-        """Read what `save` wrote.
+        """Read a trajectory that `save` wrote.
 
         Raises
         ------

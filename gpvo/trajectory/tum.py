@@ -15,11 +15,11 @@ from gpvo.errors import InputError
 from gpvo.trajectory.stamped_poses import StampedPoses, quaternions, rigid_transforms, seconds_text
 
 QUATERNION_NORM_TOLERANCE = 1e-2
-"""Files with two decimals still pass; anything further from 1 is not a rotation."""
+"""Largest deviation of a norm from 1; files with two decimals pass."""
 
 
 def tum_lines(poses: StampedPoses) -> list[str]:
-    """Lines of a TUM file with their line ends; stamps are exact, numbers have nine decimals."""
+    """Format poses as lines of a TUM file; stamps are exact, numbers have nine decimals."""
     values = np.hstack([poses.positions, quaternions(poses.rotations)])
     tidy = np.round(values, 9) + 0.0  # no "-0.000000000"
     return [
@@ -29,7 +29,7 @@ def tum_lines(poses: StampedPoses) -> list[str]:
 
 
 class TumWriter:
-    """Write a TUM file pose by pose; every pose is on disk as a whole line when append returns.
+    """Writer of a TUM file, pose by pose; after `append` the pose is on disk as a whole line.
 
     >>> with TumWriter("trajectory.tum") as writer:
     ...     writer.append(stamp_ns, T_world_cam)
@@ -60,7 +60,7 @@ class TumWriter:
 
 
 def write_tum(path: Path | str, poses: StampedPoses) -> None:
-    """Write poses as a TUM file; a file of that name is replaced once the new one is whole."""
+    """Write poses as a TUM file; an existing file is replaced by the complete one."""
     unfinished = Path(f"{path}.unfinished")
     unfinished.write_bytes("".join(tum_lines(poses)).encode("ascii"))
     unfinished.replace(path)
@@ -72,7 +72,7 @@ def read_tum(path: Path | str) -> StampedPoses:
     Raises
     ------
     InputError
-        Naming the file and the line that cannot be used.
+        If the file or a line cannot be used; the message names it.
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
@@ -82,7 +82,7 @@ def read_tum(path: Path | str) -> StampedPoses:
 
 
 def parse_tum(lines: Iterable[str], name: str) -> StampedPoses:
-    """Poses of the lines of a TUM file; `name` stands in error messages."""
+    """Parse the lines of a TUM file; `name` is the file in error messages."""
     stamps: list[int] = []
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
@@ -119,7 +119,7 @@ def _parse_fields(fields: list[str], place: str) -> tuple[int, list[float]]:
 
 
 def _nanoseconds(seconds: str) -> int:
-    """Nearest nanosecond of a decimal number of seconds, without the rounding of a float."""
+    """Convert decimal seconds to the nearest nanosecond, without the rounding of a float."""
     nanoseconds = Decimal(seconds) * 10**9
     if not abs(nanoseconds) < 2**63:
         raise ValueError("not a number of seconds since the epoch")

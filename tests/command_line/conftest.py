@@ -1,4 +1,4 @@
-"""A simulated recording on disk, in MVSEC's layout, as `gpvo run` reads it."""
+"""Simulated recording on disk in MVSEC's layout, for `gpvo run`."""
 
 from __future__ import annotations
 

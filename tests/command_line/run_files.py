@@ -1,4 +1,4 @@
-"""Paths of what `gpvo run` reads."""
+"""Paths of the files that `gpvo run` reads."""
 
 from __future__ import annotations
 
@@ -16,6 +16,6 @@ class RecordingFiles:
     config: Path
 
     def arguments(self, output: Path) -> list[str]:
-        """Arguments of `gpvo run`."""
+        """Return the arguments of `gpvo run`."""
         files = ["--calibration", self.calibration, "--ground-truth", self.ground_truth]
         return ["run", *map(str, [self.data, *files, "--config", self.config, "--output", output])]

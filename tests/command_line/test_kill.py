@@ -1,4 +1,4 @@
-"""What a killed run leaves."""
+"""Files that a killed run leaves."""
 
 from __future__ import annotations
 

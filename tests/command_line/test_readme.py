@@ -1,4 +1,4 @@
-"""What the README says, done."""
+"""Commands, code and file names of the README."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def blocks(language: str) -> list[str]:
 
 @pytest.fixture
 def room(recording: RecordingFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the files that the README speaks of."""
+    """Make a folder with the files that the README mentions, and change to it."""
     shutil.copy(recording.data, tmp_path / "room_data.hdf5")
     shutil.copy(recording.calibration, tmp_path / "camchain.yaml")
     shutil.copy(recording.ground_truth, tmp_path / "room_gt.hdf5")

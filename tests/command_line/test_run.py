@@ -38,7 +38,7 @@ FILES = {
 def gpvo(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Callable[..., tuple[int, str, str]]:
-    """Runs the command and gives its exit status, its output and its errors."""
+    """Return a function that runs the command and returns exit status, stdout and stderr."""
 
     def call(*arguments: str | Path) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["gpvo", *map(str, arguments)])
@@ -53,7 +53,7 @@ def gpvo(
 
 @pytest.fixture(scope="module")
 def result(recording: RecordingFiles, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of one run."""
+    """Return the result folder of one run."""
     folder = tmp_path_factory.mktemp("result") / "first"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["gpvo", *recording.arguments(folder)])
@@ -151,7 +151,7 @@ def test_default_configuration_is_printed_and_read_back(gpvo: Callable, tmp_path
 
 
 class TestBadInput:
-    """One clear line, exit status 2, and no file that could be taken for a result."""
+    """Bad input gives one clear line, exit status 2, and no file that looks like a result."""
 
     @pytest.fixture
     def fails(

@@ -1,4 +1,4 @@
-"""Runs on the shared recordings, where they are present; short ones, as the suite must be."""
+"""Short runs on the shared recordings, if they are present."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_room_is_followed_for_two_seconds() -> None:
 
 
 def test_real_events_give_the_true_mean_velocity() -> None:
-    """Left events of MVSEC, right ones made of them: direction, and size within 50 %."""
+    """Left events are MVSEC's, right ones are made of them; 30 degrees and 50 % are allowed."""
     folder = SHARED / "real" / "mvsec_indoor_flying1_slice"
     recording = open_recording(folder / "semi_synthetic_data.hdf5", CALIBRATION)
     trajectory = Odometry(recording.rig).run(recording)

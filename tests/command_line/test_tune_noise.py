@@ -17,7 +17,7 @@ from gpvo.estimator.noise_learning import acceleration_psd
 
 
 def tune_noise(*arguments: str | Path) -> int:
-    """Exit status of the command."""
+    """Run the command and return its exit status."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["gpvo", "tune-noise", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
@@ -38,7 +38,7 @@ def test_learned_noise_is_a_configuration(
     t = (truth.stamps_ns - opened.start_ns) * 1e-9
     assert np.allclose(noise.acceleration_psd, acceleration_psd(t, truth.T_world_cam), rtol=0.01)
     deviation = 1 / np.sqrt(np.array(noise.measurement_information))
-    assert ((deviation > 0.05) & (deviation < 5)).all()  # pixels: it is tracked, but not exactly
+    assert ((deviation > 0.05) & (deviation < 5)).all()  # pixels; tracking has some noise
 
 
 def test_ground_truth_that_is_missing_is_one_clear_error(

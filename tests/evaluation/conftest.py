@@ -1,4 +1,4 @@
-"""Trajectories to evaluate: random smooth ones, and the reference files where they are present."""
+"""Trajectories to evaluate: random smooth ones, and the reference files if they are present."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SHARED = Path(__file__).resolve().parents[3] / "shared"
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """Folder of reference trajectories and recordings, which is not part of the project."""
+    """Return the folder of reference trajectories and recordings, outside the project."""
     if not SHARED.is_dir():
         pytest.skip("the folder ../shared with reference trajectories is not there")
     return SHARED
@@ -27,7 +27,7 @@ def shared() -> Path:
 
 @pytest.fixture(scope="session")
 def room1_truth(shared) -> StampedPoses:
-    """T_world_cam of the rectified left camera of room1_indoor1."""
+    """Return T_world_cam of the rectified left camera of room1_indoor1."""
     recordings = shared / "recordings"
     camchain = yaml.safe_load((recordings / "camchain-imucam-indoor_flying.yaml").read_text())
     T_raw_rect = np.eye(4)
@@ -40,7 +40,7 @@ def room1_truth(shared) -> StampedPoses:
 
 @pytest.fixture(scope="session")
 def random_walk() -> Callable[..., StampedPoses]:
-    """Factory of smooth random trajectories."""
+    """Return a factory of smooth random trajectories."""
 
     def walk(seed: int = 0, count: int = 200, step_ns: int = 10_000_000) -> StampedPoses:
         rng = np.random.default_rng(seed)
@@ -55,7 +55,7 @@ def random_walk() -> Callable[..., StampedPoses]:
 
 @pytest.fixture(scope="session")
 def random_transform() -> Callable[[int], np.ndarray]:
-    """Factory of rigid transforms (4, 4)."""
+    """Return a factory of rigid transforms (4, 4)."""
 
     def transform(seed: int) -> np.ndarray:
         rng = np.random.default_rng(seed)

@@ -48,7 +48,7 @@ def test_no_small_change_improves_the_least_squares(random_walk, one, other):
 
 
 def test_yaw_alignment_keeps_the_vertical(random_walk):
-    """It finds a turn about z, and is best among them."""
+    """It finds the best rotation about z."""
     truth = random_walk(1)
     turn = Rotation.from_rotvec([0.0, 0.0, 0.4]).as_matrix()
     drifted = Alignment(turn, np.zeros(3)).apply(truth)
@@ -107,7 +107,7 @@ def test_the_tolerance_follows_a_sparse_ground_truth(random_walk):
 
 @pytest.mark.parametrize("offset", [-0.0471, 0.0, 0.0123])
 def test_a_clock_offset_is_found(random_walk, random_transform, offset):
-    """Whatever the world frame and the scale."""
+    """The offset does not depend on world frame and scale."""
     truth = random_walk(5, 500)
     scaled = rigid_transforms(truth.rotations, 0.8 * truth.positions)
     early = StampedPoses(truth.stamps_ns - round(offset * 1e9), scaled)

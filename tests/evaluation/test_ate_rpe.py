@@ -55,7 +55,7 @@ def test_a_distance_longer_than_the_path_gives_no_number(random_walk):
 
 
 def kitti_devkit(estimate: np.ndarray, truth: np.ndarray, lengths: list[float]) -> dict:
-    """The loops of KITTI's development kit, one segment after the other."""
+    """Compute the errors with the loops of KITTI's development kit, segment by segment."""
     travelled = np.concatenate(
         [[0.0], np.cumsum(np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1))]
     )

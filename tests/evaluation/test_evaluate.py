@@ -20,7 +20,7 @@ from gpvo.trajectory import StampedPoses, read_tum
     [("esvo_ros", 9.4, 0.52, 1.50e-2, 0.21), ("esvo_offline", 10.6, 0.54, 1.57e-2, 0.22)],
 )
 def test_esvo_on_room1(shared, room1_truth, name, final_percent, rms, relative_rms, ate):
-    """Numbers known for ESVO on this recording, to their last digit."""
+    """ESVO's known errors on this recording are reproduced to their last digit."""
     estimate = read_tum(shared / "reference" / "room1_indoor1" / f"{name}.txt")
     evaluation = evaluate(estimate, room1_truth, step=0.01)
     translation = evaluation.global_error.statistics("translation")

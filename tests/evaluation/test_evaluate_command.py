@@ -1,4 +1,4 @@
-"""`gpvo eval`: which files it finds, what it prints and writes."""
+"""`gpvo eval`: the files that it finds, its output and its report."""
 
 import json
 import re
@@ -24,7 +24,7 @@ from gpvo.trajectory import StampedPoses, Trajectory, write_tum
 
 @pytest.fixture
 def sequence(random_walk, tmp_path):
-    """A result folder, a competitor and a ground truth."""
+    """Write a result folder, a competitor and a ground truth."""
     truth = random_walk(1, 300)
     write_tum(tmp_path / "truth.txt", truth)
     (tmp_path / "results").mkdir()
@@ -188,7 +188,7 @@ def test_known_errors_of_other_systems(shared, path, name, ate):
 
 
 def test_esvo_on_dsec_interpolated_as_published(shared):
-    """3.713 m at the ground truth's stamps; 3.74 m above is the estimate matched to the nearest."""
+    """The ATE is 3.713 m at the ground truth's stamps, 3.74 m with the nearest poses (above)."""
     path = shared / "reference" / "dsec_zurich_city_04_a" / "esvo.txt"
     (comparison,), text = run(path, protocol=Protocol(association="interpolated"))
     found = comparison.evaluations[0].ate["se3"].translation.rmse
@@ -197,7 +197,7 @@ def test_esvo_on_dsec_interpolated_as_published(shared):
 
 
 def test_esvo_on_room1_in_one_command(shared):
-    """The two runs of ESVO against each other, every 0.01 s, with the README's numbers."""
+    """Two runs of ESVO, compared every 0.01 s, have the README's errors."""
     recordings, reference = shared / "recordings", shared / "reference" / "room1_indoor1"
     (comparison,), _ = run(
         reference / "esvo_ros.txt",
@@ -217,7 +217,7 @@ def test_esvo_on_room1_in_one_command(shared):
 
 @pytest.fixture
 def continuous(tmp_path):
-    """A result folder with a trajectory, and its ground truth: a turn at constant velocity."""
+    """Write a result folder with a trajectory and its ground truth, a turn at constant velocity."""
     start_ns, twist = 1_504_645_177_000_000_000, np.array([0.1, -0.4, 0.2, 0.3, 0.1, 0.5])
     t = np.arange(0.0, 3.0, 0.15)
     trajectory = Trajectory(
@@ -240,7 +240,7 @@ def continuous(tmp_path):
 
 
 def test_a_continuous_result_is_asked_not_interpolated(continuous, random_walk, tmp_path):
-    """Between sparse states a straight line leaves the turn by most of a millimetre."""
+    """Between sparse states a straight line deviates from the turn by almost a millimetre."""
     folder, truth = continuous
     (alone,), _ = run(folder)
     assert alone.conditions.startswith("Compared every 0.01 s")
@@ -270,7 +270,7 @@ def test_of_two_continuous_results_both_are_asked_at_the_same_times(continuous, 
 
 
 def test_a_continuous_result_on_another_clock(random_walk):
-    """The trajectory is asked at the stamps of its own clock."""
+    """The trajectory is evaluated at the stamps of its own clock."""
     truth = random_walk(5, 500)
     t = truth.seconds
     trajectory = Trajectory(
@@ -292,7 +292,7 @@ def test_options_are_checked():
 
 
 def test_every_option_reaches_the_comparison(sequence):
-    """The command line's own parser, with the exit status of a good and of a bad call."""
+    """The command line parses all options; a bad one gives exit status 2."""
     files = [str(sequence / "results"), "--ground-truth", str(sequence / "truth.txt")]
     options = (
         "--step 0.02 --truth-between gp --association interpolated --max-difference 0.01"

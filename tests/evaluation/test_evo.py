@@ -35,7 +35,7 @@ def to_evo(poses: StampedPoses) -> PoseTrajectory3D:
 
 @pytest.fixture(params=PAIRS, ids=lambda pair: "/".join(pair[:2]), scope="module")
 def pair(request, shared, room1_truth):
-    """The associated poses, ours and evo's."""
+    """Return the associated poses, ours and evo's."""
     sequence, estimate_name, truth_name, tolerance = request.param
     folder = shared / "reference" / sequence
     estimate = read_tum(folder / estimate_name)
@@ -77,7 +77,7 @@ def test_absolute_error(pair, alignment):
 @pytest.mark.parametrize("all_pairs", [True, False])
 @pytest.mark.parametrize(("delta", "unit"), [(10, "frames"), (1.0, "metres")])
 def test_relative_error(pair, delta, unit, all_pairs):
-    """Overlapping pairs chosen by the true path, chained ones by the estimated path."""
+    """The true path chooses overlapping pairs, the estimated path chained ones."""
     ours, (estimate, truth) = pair
     error = relative_pose_error(*ours, delta, unit, all_pairs, pairs_from=ours[all_pairs])
     metric = metrics.RPE(
@@ -96,7 +96,7 @@ def test_the_same_file_is_read_alike(shared):
 
 
 def test_umeyama_of_random_trajectories(random_walk):
-    """Also without the reference files."""
+    """This test runs without the reference files too."""
     ours = random_walk(1), random_walk(2)
     estimate, truth = map(to_evo, ours)
     for scaled in (False, True):
@@ -108,7 +108,7 @@ def test_umeyama_of_random_trajectories(random_walk):
 
 
 def test_interpolated_association(shared):
-    """evo's other way to associate; the error that the DSEC authors published."""
+    """The interpolated association gives the error that was published for ESVO on DSEC."""
     folder = shared / "reference" / "dsec_zurich_city_04_a"
     ours = resample(read_tum(folder / "esvo.txt"), read_tum(folder / "stamped_groundtruth.txt"))
     assert absolute_trajectory_error(*ours).translation.rmse == pytest.approx(3.713, abs=5e-4)

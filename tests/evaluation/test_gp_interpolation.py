@@ -13,7 +13,7 @@ from gpvo.trajectory.stamped_poses import rigid_transforms
 
 
 def swing(t: np.ndarray) -> np.ndarray:
-    """A smooth motion, far from constant velocity, with body twist."""
+    """Return the poses of a smooth motion, far from constant velocity, at times t."""
     phase = np.outer(t, [1.0, 1.3, 0.7, 0.9, 1.1, 1.7])
     return se3_exp(np.sin(phase + np.arange(6)) * [1.0, 0.8, 0.6, 2.0, 1.0, 1.5])
 
@@ -30,7 +30,7 @@ def test_it_passes_through_the_poses():
 
 
 def test_constant_velocity_is_reproduced():
-    """Also with irregular stamps and large turns."""
+    """This holds for irregular stamps and large rotations too."""
     twist = np.array([0.5, -1.0, 2.0, 1.0, 0.3, -0.2])
     t = np.array([0.0, 0.3, 0.35, 0.9, 1.4])
     poses = StampedPoses(np.round(t * 1e9).astype(np.int64), se3_exp(np.outer(t, twist)))
@@ -54,7 +54,7 @@ def test_along_a_line_it_is_the_natural_spline():
 
 
 def middle_error(step: float, interpolate) -> float:
-    """Largest pose error half way between samples, ends left out."""
+    """Return the largest pose error half way between samples, without the ends."""
     poses = sampled(step)
     inner = poses.stamps_ns[len(poses) // 4 : -len(poses) // 4]
     middle = (inner[:-1] + inner[1:]) // 2

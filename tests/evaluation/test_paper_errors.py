@@ -23,12 +23,12 @@ seeds = st.integers(0, 10_000)
 
 
 def vee(matrix: np.ndarray) -> np.ndarray:
-    """Twist, rotation first, of a matrix of se(3)."""
+    """Return the twist, rotation first, of a matrix of se(3)."""
     return np.array([matrix[2, 1], matrix[0, 2], matrix[1, 0], *matrix[:3, 3]])
 
 
 def test_err_is_the_papers_formula(random_transform):
-    """Against matrix logarithms, with the paper's T_{k,1} (world to camera) as input."""
+    """It equals the matrix logarithm, with the paper's T_{k,1} (world to camera) as input."""
     T_k1, T_l1, G_k1, G_l1 = (random_transform(seed) for seed in range(4))
     T_lk, G_lk = T_l1 @ np.linalg.inv(T_k1), G_l1 @ np.linalg.inv(G_k1)
     C = random_transform(5)
@@ -70,7 +70,7 @@ def test_a_perfect_estimate_has_no_error(random_walk, random_transform):
 
 
 def test_a_known_drift_gives_known_numbers():
-    """10 steps of 1 m forward, estimated 10 % short, on a straight line."""
+    """The true path is 10 steps of 1 m straight ahead, the estimated one is 10 % shorter."""
     stamps = np.arange(11, dtype=np.int64)
     positions = np.outer(np.arange(11.0), [0.0, 0.0, 1.0])
     rotations = np.broadcast_to(np.eye(3), (11, 3, 3))

@@ -1,4 +1,4 @@
-"""Figures: what is drawn, and that equal figures are equal files."""
+"""Contents of the figures, and equal files of equal figures."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Costs: stages add up, factors are what they say."""
+"""Sums of stages and runs, factors of speed, memory and machine."""
 
 import json
 import os
@@ -59,7 +59,7 @@ def test_costs_of_several_runs_add_up():
 
 
 def test_peak_memory_is_in_bytes():
-    """More than what is held, less than the machine has."""
+    """It is more than an array in use, and less than the machine's memory."""
     held = np.ones(10_000_000)
     installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     assert held.nbytes < peak_memory_bytes() < installed

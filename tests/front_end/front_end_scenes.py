@@ -1,4 +1,4 @@
-"""Textures that are defined between pixels, and cameras that look at one on a plane."""
+"""Textures that are defined between pixels, and cameras that see one on a plane."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ HEIGHT, WIDTH = 180, 240
 FRAME = 0.1
 """Seconds between frames."""
 STEPS = 20
-"""Pictures per frame between which events are made."""
+"""Number of pictures per frame between which events are simulated."""
 CONTRAST = 2.0
-"""Difference of the texture from one event of a pixel to the next."""
+"""Change of the texture between two successive events of a pixel."""
 MARGIN = 60
-"""Units around the first image of which a texture is sampled."""
+"""Width of the sampled margin around the first image, in units of the texture."""
 CAMERA = StereoCamera(200.0, 200.0, 120.0, 90.0, 0.1)
 
 
 class Texture:
-    """A random smooth function of the plane, about 0, made of waves of 12 to 40 units."""
+    """Random smooth function of the plane, around 0, made of waves of 12 to 40 units."""
 
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
@@ -45,19 +45,19 @@ class Texture:
 
     @cached_property
     def sampled(self) -> NDArray[np.float32]:
-        """Values at every half unit of what the first camera sees, and around it."""
+        """Values at every half unit of the first camera's view and its surroundings."""
         half_height, half_width = HEIGHT // 2 + MARGIN, WIDTH // 2 + MARGIN
         y, x = np.mgrid[-half_height:half_height:0.5, -half_width:half_width:0.5]
         return self(x, y).astype(np.float32)
 
     def grey(self, dx: float = 0.0, dy: float = 0.0) -> Image:
-        """Smooth image of the texture moved by (dx, dy) pixels: bright where it is near zero."""
+        """Draw a smooth image of the texture moved by (dx, dy) pixels: bright where near 0."""
         v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
         values = self(u - dx, v - dy)
         return np.rint(255 * np.exp(-((values / 0.4) ** 2))).astype(np.uint8)
 
     def binary(self, dx: float = 0.0, dy: float = 0.0) -> Image:
-        """Image of the texture moved by (dx, dy) pixels: 255 where it is near zero."""
+        """Draw the image of the texture moved by (dx, dy) pixels: 255 where it is near zero."""
         v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
         return contours(self(u - dx, v - dy))
 
@@ -67,26 +67,26 @@ def contours(values: Array) -> Image:
 
 
 def random_binary(seed: int, size: int = 400) -> Image:
-    """(size, size) image of random white spots, a few pixels wide."""
+    """Draw an image (size, size) of random white spots, a few pixels wide."""
     noise = np.random.default_rng(seed).normal(size=(size, size))
     return np.where(gaussian_filter(noise, 2.0) > 0.14, 255, 0).astype(np.uint8)
 
 
 def random_grey(seed: int, size: int = 400) -> Image:
-    """(size, size) image of smooth noise, which looks different everywhere."""
+    """Draw an image (size, size) of smooth noise, which looks different everywhere."""
     noise = np.random.default_rng(seed).normal(size=(size, size))
     return np.clip(128 + 400 * gaussian_filter(noise, 2.0), 0, 255).astype(np.uint8)
 
 
 def window(image: Image, dx: int, dy: int) -> Image:
-    """Part of a large image, whose content appears moved by (dx, dy)."""
+    """Return a part of a large image whose content appears moved by (dx, dy)."""
     top, left = (image.shape[0] - HEIGHT) // 2, (image.shape[1] - WIDTH) // 2
     return image[top - dy : top - dy + HEIGHT, left - dx : left - dx + WIDTH]
 
 
 @dataclass(frozen=True)
 class MovingPlane:
-    """A textured plane at Z = `depth` of the world, seen by a camera of constant body twist.
+    """Textured plane at Z = `depth` of the world, seen by a camera with constant body twist.
 
     The texture's unit is the pixel at which the first camera sees it.
     """
@@ -96,7 +96,7 @@ class MovingPlane:
     depth: float = 2.0
 
     def plane_points(self, frame: float, pixels: Array, offset: float = 0.0) -> Array:
-        """World points (N, 3) on the plane that pixels (N, 2) of a camera show.
+        """Compute the world points (N, 3) on the plane that pixels (N, 2) of a camera show.
 
         `offset` is the camera's position to the right of the left camera, metres.
         """
@@ -113,12 +113,12 @@ class MovingPlane:
         return centre + rays * ((self.depth - centre[2]) / rays[:, 2])[:, None]
 
     def project(self, frame: float, points: Array) -> Array:
-        """Measurements (N, 3) of world points in a frame."""
+        """Compute the measurements (N, 3) of world points in a frame."""
         T_world_cam = se3_exp(frame * self.twist)
         return CAMERA.project((points - T_world_cam[:3, 3]) @ T_world_cam[:3, :3])
 
     def images(self, frame: int) -> tuple[Image, Image]:
-        """Left and right binary image of a frame."""
+        """Draw the left and right binary image of a frame."""
         v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
         pixels = np.column_stack([u.ravel(), v.ravel()])
         scale = CAMERA.fx / self.depth
@@ -129,7 +129,7 @@ class MovingPlane:
         return shown[0], shown[1]
 
     def values(self, frame: float, offset: float) -> Array:
-        """(height, width) texture that a camera sees, `offset` metres to the right of the left."""
+        """Compute the texture (height, width) that a camera sees `offset` metres to the right."""
         v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
         pixels = np.column_stack([u.ravel(), v.ravel()])
         points = self.plane_points(frame, pixels, offset) * (CAMERA.fx / self.depth)
@@ -138,7 +138,7 @@ class MovingPlane:
         return cv2.remap(self.texture.sampled, place, None, cv2.INTER_CUBIC).astype(np.float64)
 
     def events(self, start: float, stop: float, offset: float = 0.0) -> RectifiedEvents:
-        """Events between two frames: where and when the texture passes multiples of CONTRAST."""
+        """Simulate events between two frames, where the texture passes multiples of CONTRAST."""
         frames = np.linspace(start, stop, round(STEPS * (stop - start)) + 1)
         points, times, polarity = [], [], []
         before = self.values(frames[0], offset) / CONTRAST
@@ -158,13 +158,13 @@ class MovingPlane:
         )
 
     def cluster(self, start: float, stop: float) -> StereoCluster:
-        """All events of both cameras between two frames."""
+        """Simulate all events of both cameras between two frames."""
         sides = [image_of(self.events(start, stop, x)) for x in (0.0, CAMERA.baseline)]
         return StereoCluster(FRAME * start, FRAME * stop, *sides)
 
 
 def image_of(events: RectifiedEvents) -> ClusterEvents:
-    """An event image that gives these events, too."""
+    """Make cluster events that also return the single events."""
     surface = np.full((HEIGHT, WIDTH), -np.inf)
     column, row = np.rint(events.points).astype(int).T
     np.maximum.at(surface, (row, column), events.t)
@@ -172,7 +172,7 @@ def image_of(events: RectifiedEvents) -> ClusterEvents:
 
 
 def cluster_of(left: Image, right: Image, start: float = 0.0) -> StereoCluster:
-    """A cluster with events at `start` where the images are white."""
+    """Make a cluster with events at `start` where the images are white."""
     surfaces = [np.where(image > 0, start, -np.inf) for image in (left, right)]
     return StereoCluster(
         start, start + 0.1, *(ClusterEvents(s, int(np.isfinite(s).sum())) for s in surfaces)

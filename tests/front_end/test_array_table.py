@@ -1,4 +1,4 @@
-"""All tables of arrays are cut and joined alike, column by column."""
+"""Tables of arrays are cut and joined column by column."""
 
 from __future__ import annotations
 

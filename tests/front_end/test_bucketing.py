@@ -1,4 +1,4 @@
-"""Buckets keep the best of each cell, and no more than asked."""
+"""Buckets keep the best points of each cell, and at most the given number."""
 
 from __future__ import annotations
 

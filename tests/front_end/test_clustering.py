@@ -22,7 +22,7 @@ seeds = st.integers(0, 2**32)
 
 
 def random_events(rng: np.random.Generator, count: int, tick: float) -> Events:
-    """Events within a second, at multiples of a tick, so that some times are equal."""
+    """Make events within a second, at multiples of a tick so that some times are equal."""
     t = np.sort(np.rint(rng.uniform(0, 1, count) / tick) * tick)
     t = t[t < 1]
     x, y = rng.integers(0, WIDTH, len(t)), rng.integers(0, HEIGHT, len(t))
@@ -113,7 +113,7 @@ def test_a_last_window_less_than_half_full_is_dropped(window: float, stops: list
 
 
 def random_table(rng: np.random.Generator) -> NDArray[np.float32]:
-    """Rectification that moves events by up to three pixels, and loses a few altogether."""
+    """Make a rectification that moves events by up to three pixels and loses a few."""
     table = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).astype(np.float32)
     table += rng.uniform(-3, 3, table.shape).astype(np.float32)
     table[rng.random((HEIGHT, WIDTH)) < 0.05] = np.nan

@@ -1,4 +1,4 @@
-"""Adaptive clusters: contours have moved equally far when they end, whatever the speed."""
+"""Adaptive clusters end when contours have moved by the same distance, whatever the speed."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ WIDTH, HEIGHT = 64, 48
 LENS = Camera((WIDTH, HEIGHT), np.array([20.0, 20, 32, 24]), "none", np.zeros(4), np.eye(3))
 RIG = StereoRig(LENS, LENS, 20.0, (32.0, 24.0), 0.1)
 CONTOURS = np.array([0, 20, 40])
-"""Columns of three upright contours at first."""
+"""Initial columns of three upright contours."""
 
 
 def moving_contours(speed: float, duration: float = 1.0) -> Events:
-    """Upright contours that move to the right by `speed` pixels per second; they wrap around."""
+    """Simulate upright contours that move right by `speed` pixels per second and wrap around."""
     steps = int(speed * duration)
     column = (CONTOURS[None, :, None] + np.arange(steps)[:, None, None]) % WIDTH
     x, y, t = np.broadcast_arrays(
@@ -39,7 +39,7 @@ def clusters(left: Events, right: Events, thickness: float) -> list[StereoCluste
 
 
 def thickness(x: NDArray, y: NDArray) -> float:
-    """Twice the area over the perimeter, by its definition."""
+    """Compute twice the area over the perimeter by its definition."""
     painted = np.zeros((HEIGHT // BLOCK + 2, WIDTH // BLOCK + 2), int)
     painted[y // BLOCK + 1, x // BLOCK + 1] = 1
     perimeter = sum(np.abs(np.diff(painted, axis=axis)).sum() for axis in (0, 1))

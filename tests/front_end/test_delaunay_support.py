@@ -1,4 +1,4 @@
-"""Neighbours in the triangulation unmask outliers."""
+"""Neighbours in the triangulation reveal outliers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The kernels of fast MC-RANSAC against SE(3) and linear least squares."""
+"""Kernels of fast MC-RANSAC compared with SE(3) and linear least squares."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ CAMERA = np.array([200.0, 210.0, 120.0, 90.0, 0.1])
 
 
 def scene(seed: int, count: int) -> tuple[Array, Array, Array]:
-    """Points (N, 3) in front of the camera, their displacements and dt (N,)."""
+    """Make points (N, 3) in front of the camera, their displacements and dt (N,)."""
     rng = np.random.default_rng(seed)
     points = rng.uniform([-2, -1, 2], [2, 1, 6], (count, 3))
     return points, rng.normal(0, 0.1, (count, 3)), rng.uniform(0.01, 0.3, count)
 
 
 def paper_velocity(points: Array, displacements: Array, dt: Array) -> Array:
-    """The paper's normal equations in our convention: d = dt [p^, -1] v."""
+    """Solve the paper's normal equations in our convention: d = dt [p^, -1] v."""
     normal, right = np.zeros((6, 6)), np.zeros(6)
     for (x, y, z), d, duration in zip(points, displacements, dt, strict=True):
         D = np.hstack([[[0, -z, y], [z, 0, -x], [-y, x, 0]], -np.eye(3)])
@@ -62,7 +62,7 @@ def test_sample_velocity_is_the_linear_least_squares_one(seed: int, size: int) -
 @given(seeds)
 @settings(deadline=None, max_examples=40)
 def test_sample_velocity_is_exact_to_first_order(seed: int) -> None:
-    """The error falls with the square of the motion: ten times less, a hundredth."""
+    """A tenth of the motion gives a hundredth of the error, which is quadratic in the motion."""
     points, _, dt = scene(seed, 20)
     direction = np.random.default_rng(seed).normal(size=6)
     errors = []
@@ -89,7 +89,7 @@ def project(points: Array) -> Array:
 
 
 def explained(points: Array, dt: Array, later: Array, velocity: Array) -> int:
-    """Number of points that a velocity takes to within a pixel of their measurements."""
+    """Count the points that a velocity moves to within a pixel of their measurements."""
     error = np.linalg.norm(project(moved_points(points, dt, velocity)) - later, axis=1)
     return int((error <= 1.0).sum())
 
@@ -107,7 +107,7 @@ def test_the_best_of_all_samples_is_returned(seed: int) -> None:
     counts = [explained(points, dt, later, velocity) for velocity in each]
     np.testing.assert_array_equal(best, each[np.argmax(counts)] if max(counts) else np.zeros(6))
 
-    # Any order of the samples and the segments finds as many.
+    # The number of inliers does not depend on the order of samples and segments.
     order = rng.permutation(9)
     shuffled = np.argsort(order)[rng.permutation(samples)]
     points, moved, dt, later = points[order], moved[order], dt[order], later[order]
@@ -116,7 +116,7 @@ def test_the_best_of_all_samples_is_returned(seed: int) -> None:
 
 
 def test_drawing_stops_only_once_it_is_confident() -> None:
-    """The first sample explains all: the next, which explains as many, is not drawn either way."""
+    """Low confidence stops before the last sample, the only one that explains more segments."""
     points, _, dt = scene(0, 30)
     true = np.array([0.01, -0.02, 0.015, 0.1, -0.1, 0.2])
     moved = moved_points(points, dt, true)
@@ -135,7 +135,7 @@ def test_drawing_stops_only_once_it_is_confident() -> None:
 
 @pytest.mark.parametrize(("count", "size"), [(3, 3), (5, 3), (6, 4)])
 def test_samples_are_distinct_and_uniform(count: int, size: int) -> None:
-    """Chi-squared over all ordered samples, at a significance of about 1e-6."""
+    """All ordered samples pass a chi-squared test at a significance of about 1e-6."""
     iterations = 60_000
     samples = random_samples(count, size, iterations, np.random.default_rng(0))
     assert samples.min() >= 0 and samples.max() < count

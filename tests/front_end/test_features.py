@@ -1,4 +1,4 @@
-"""The detector against plain correlations, and its non-maximum suppression by its definition."""
+"""The detector equals plain correlations, and its non-maximum suppression the definition."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ seeds = st.integers(0, 2**32)
 
 
 def responses(image: NDArray[np.uint8]) -> dict[int, NDArray[np.int64]]:
-    """Responses that are large where a feature of each kind is."""
+    """Compute responses that are large at features of each kind."""
     blob = ndimage.correlate(image.astype(np.int64), BLOB_MASK.astype(np.int64), mode="mirror")
     corner = ndimage.correlate(image.astype(np.int64), CORNER_MASK.astype(np.int64), mode="mirror")
     return {0: -blob, 1: blob, 2: -corner, 3: corner}

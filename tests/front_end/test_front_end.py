@@ -1,4 +1,4 @@
-"""One front end for odometry and inspection, and trackers of the user's."""
+"""Odometry and inspection share one front end, and any object can be the tracker."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_inspection_sees_what_the_odometry_does(recording: SimulatedRecording) -
 
 
 class Wrapped:
-    """A tracker of a user's: that of the configuration, which notes what it is given."""
+    """Tracker of a user that wraps the configured one and records the clusters it is given."""
 
     def __init__(self) -> None:
         self.clusters: list[StereoCluster] = []

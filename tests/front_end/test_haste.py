@@ -1,4 +1,4 @@
-"""Patches that move event by event: where, and at which times, on a plane of known motion."""
+"""Tracking event by event on a plane of known motion: positions and their own times."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ ROTATION = 0.07
 
 FRAMES = 5
 PLANE = MovingPlane(Texture(7), np.array([0, 0, 0, 0.04, -0.03, 0]))
-FLOW = -PLANE.twist[3:5] * CAMERA.fx / PLANE.depth  # pixels per frame, everywhere and always
+FLOW = -PLANE.twist[3:5] * CAMERA.fx / PLANE.depth  # pixels per frame, the same everywhere
 DISPARITY = CAMERA.fx * CAMERA.baseline / PLANE.depth
 
 
@@ -68,7 +68,7 @@ def plane_observations() -> Observations:
 
 
 def motion_since_first(seen: Observations, t: Array) -> tuple[Array, Array]:
-    """Measured and true motion (N, 2) of the left pixels since the landmark's first sighting."""
+    """Compute measured and true motion (N, 2) of left pixels since the first sighting."""
     order = np.lexsort((t, seen.landmark))
     landmark, first = np.unique(seen.landmark[order], return_index=True)
     anchor = order[first][np.searchsorted(landmark, seen.landmark)]
@@ -89,7 +89,7 @@ def test_landmarks_move_as_the_plane_at_the_times_of_their_own() -> None:
 
 
 def test_no_time_common_to_a_cluster_is_as_true() -> None:
-    """The times are the landmarks' own: the best common ones leave a larger error."""
+    """The landmarks' own times leave a smaller error than one time per cluster."""
     seen = plane_observations()
     own = np.linalg.norm(np.subtract(*motion_since_first(seen, seen.times[:, 0])), axis=1)
     mean = np.array([seen.times[seen.frame == k, 0].mean() for k in range(FRAMES)])
@@ -124,7 +124,7 @@ def nothing(start: float, stop: float) -> StereoCluster:
 
 
 def test_landmarks_wait_while_nothing_moves() -> None:
-    """Clusters without events say that nothing moved."""
+    """Clusters without events mean that nothing moved."""
     still = [nothing(FRAME, FRAME + k) for k in range(4)]
     pause = 4 * FRAME
     parts = tracked([nothing(0.0, FRAME), cluster(0), *still, late(cluster(1), pause)])
@@ -152,7 +152,7 @@ def test_landmarks_that_do_not_move_for_long_are_given_up() -> None:
 
 
 def test_events_outside_the_image_change_nothing() -> None:
-    """A tracker of the user's may be given such; those of `rectified_cluster` are all within."""
+    """Other sources of clusters may give such events; `rectified_cluster` drops them."""
 
     def with_stray(image: ClusterEvents) -> ClusterEvents:
         events = image.events()
@@ -195,13 +195,13 @@ def test_configuration_is_checked() -> None:
         Configuration.model_validate({"tracking": {"event": {"min_events": 401}}})
 
 
-# The pieces.
+# Tests of the parts.
 
 CENTRE = np.array([100, 80])
 
 
 def random_events(seed: int, count: int = 300, spread: float = 15.0) -> Array:
-    """(N, 3) events on random short lines around (100, 80), in order of time."""
+    """Make events (N, 3) on random short lines around (100, 80), in order of time."""
     rng = np.random.default_rng(seed)
     ends = rng.uniform(-spread, spread, (2, 8, 2))
     line, part = rng.integers(0, 8, count), rng.uniform(0, 1, (count, 1))
@@ -210,7 +210,7 @@ def random_events(seed: int, count: int = 300, spread: float = 15.0) -> Array:
 
 
 def rotated(points: Array, pose: Array, motion: Array) -> Array:
-    """Points (N, 2) that move with a patch from its pose (3,) by (du, dv, angle)."""
+    """Move points (N, 2) with a patch from its pose (3,) by (du, dv, angle)."""
     c, s = np.cos(motion[2]), np.sin(motion[2])
     return (points - pose[:2]) @ np.array([[c, s], [-s, c]]) + pose[:2] + motion[:2]
 
@@ -243,7 +243,7 @@ def test_alignment_finds_the_motion_of_the_events(
 
 
 def test_a_contour_is_not_clear_along_itself() -> None:
-    """One direction is left open: the deviation tells, though the patches look alike."""
+    """One direction is undetermined: the deviation shows this, although the patches look alike."""
     rng, pose, deviations = np.random.default_rng(0), POSE * [1, 1, 0], {}
     along = rng.uniform(-30, 30, 400)
     for name, bend in (("line", 0.0), ("corner", 1.0)):
@@ -295,7 +295,7 @@ def test_events_are_found_as_by_looking_at_all(seed: int) -> None:
 
 
 def patches_of(events: Array, window: int = 60) -> Patches:
-    """A patch at POSE that has not seen an event yet, and what it looks like."""
+    """Make a patch at POSE with the appearance of the events, which has not taken any yet."""
     patches = new_patches(33, window, 1)
     patches.pose[0] = POSE
     patches.template[0] = normalized(draw(events, POSE, (33, 33), KERNEL))
@@ -304,10 +304,10 @@ def patches_of(events: Array, window: int = 60) -> Patches:
 
 
 @given(seeds)
-@example(24141)  # the present score gets negative, and the patch stays all the same
+@example(24141)  # the present score gets negative, and the patch still stays
 @settings(deadline=None, max_examples=20)
 def test_scores_are_sums_of_the_template_under_the_window(seed: int) -> None:
-    """Brought up to date event by event they are those of the plain formula."""
+    """Scores updated event by event equal those of the plain formula."""
     events = random_events(seed)
     patches = patches_of(events)
     follow(events[:100], patches, ROTATION, 25.0, np.inf)
@@ -326,7 +326,7 @@ def test_scores_are_sums_of_the_template_under_the_window(seed: int) -> None:
 
 @pytest.mark.parametrize("hypothesis", [h for h in range(HYPOTHESES) if h != STAY])
 def test_a_patch_moves_by_the_hypothesis_that_is_true(hypothesis: int) -> None:
-    """From whichever side it comes, it is at most half a step off."""
+    """The patch ends at most half a step from the true pose, from any direction."""
     events = random_events(3, 800)
     patches, true = patches_of(events, 400), POSE.copy()
     patches.window[0] = events[:400]

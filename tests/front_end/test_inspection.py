@@ -1,4 +1,4 @@
-"""Errors that are put into exact tracklets are the errors that an inspection finds."""
+"""An inspection finds the errors that were added to exact tracklets."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ FEW = Configuration(tracking=TrackingConfig(klt=KltConfig(max_features=40)))
 
 
 def constant_truth(with_depth: bool = False, depth: float = 2.0) -> Truth:
-    """A camera of constant twist; the depth, if known, is the same everywhere."""
+    """Make the truth of a camera with constant twist; the depth, if known, is constant."""
 
     def pose(t: NDArray) -> NDArray:
         return se3_exp(np.asarray(t)[:, None] * TWIST)
@@ -51,7 +51,7 @@ def constant_truth(with_depth: bool = False, depth: float = 2.0) -> Truth:
 
 
 def exact(truth: Truth, count: int = 50) -> tuple[Measurements, Measurements]:
-    """Tracklets of static points at depths of 1.5 to 5 m."""
+    """Make tracklets of static points at depths of 1.5 to 5 m."""
     rng = np.random.default_rng(0)
     points = rng.uniform([-1, -0.7, 1.5], [1, 0.7, 5], (count, 3))
     start = rng.uniform(0.0, 0.5, count)

@@ -1,4 +1,4 @@
-"""MC-RANSAC recovers velocities from asynchronous segments, and knows what it does not know."""
+"""MC-RANSAC recovers velocities from asynchronous segments, and reports their uncertainty."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CAMERA = StereoCamera(200.0, 210.0, 120.0, 90.0, 0.1)
 INFORMATION = np.diag([0.5, 0.5, 0.1])
 CONFIG = McRansacConfig(iterations=300)
 EXACT = McRansacConfig(iterations=300, refinement_tolerance=1e-12)
-# Durations in which the fast version's linear motion is exact to a pixel.
+# Durations for which the linear motion of the fast version is exact to a pixel.
 SHORT = (0.02, 0.12)
 PAPER = McRansacConfig(iterations=300, pixel_threshold=0, confidence=1, refinements=1)
 
@@ -29,7 +29,7 @@ PAPER = McRansacConfig(iterations=300, pixel_threshold=0, confidence=1, refineme
 def random_segments(
     rng: np.random.Generator, count: int, velocity: Array, dt: tuple[float, float] = (0.02, 0.4)
 ) -> Segments:
-    """Exact measurements of static points, each at two times of its own."""
+    """Make exact measurements of static points, each at two times of its own."""
     points = rng.uniform([-1.5, -1, 1.5], [1.5, 1, 6], (count, 3))
     duration = rng.uniform(*dt, count)
     later = moved_points(points, duration, velocity)
@@ -43,7 +43,7 @@ def random_velocity(rng: np.random.Generator) -> Array:
 def with_outliers(
     rng: np.random.Generator, segments: Segments, share: float
 ) -> tuple[Segments, NDArray[np.bool_]]:
-    """Replace later measurements by ones 10 to 40 pixels away; also which are good."""
+    """Move a share of the later measurements by 10 to 40 pixels; also return which are good."""
     good = rng.permutation(len(segments)) >= share * len(segments)
     away = rng.uniform(10, 40, (len(segments), 3)) * rng.choice([-1, 1], (len(segments), 3))
     away[:, 2] = rng.uniform(1, 4, len(segments))
@@ -79,7 +79,7 @@ def test_exact_segments_give_the_exact_velocity(seed: int, count: int) -> None:
 @given(seeds)
 @settings(deadline=None, max_examples=20)
 def test_fast_version_is_exact_to_first_order(seed: int) -> None:
-    """Its error falls with the square of the motion: a tenth of it, a hundredth of the error."""
+    """A tenth of the motion gives a hundredth of the error, which is quadratic in the motion."""
     rng = np.random.default_rng(seed)
     true, config = random_velocity(rng), McRansacConfig(iterations=1, sample_size=12)
     points = rng.uniform([-1.5, -1, 1.5], [1.5, 1, 6], (12, 3))
@@ -94,7 +94,7 @@ def test_fast_version_is_exact_to_first_order(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_outliers_are_told_from_inliers(seed: int) -> None:
-    """Half of the segments are wrong, all are noisy: found are those that the truth explains."""
+    """Half of the segments are wrong, all are noisy; inliers are those the truth explains."""
     rng = np.random.default_rng(seed)
     true = random_velocity(rng)
     exact, good = with_outliers(rng, random_segments(rng, 120, true, SHORT), 0.5)
@@ -269,7 +269,7 @@ def test_inliers_of_the_paper_have_a_small_relative_error() -> None:
     direction = rng.normal(size=(200, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     share = rng.uniform(0, 0.1, 200)
-    # The earlier end moves the prediction, so that the later one carries the error.
+    # The error is added to the later measurement, because the earlier one moves the prediction.
     moved = Segments(exact.earlier, exact.later + direction * (share * length)[:, None], exact.dt)
     error = share * length
     moved_length = np.linalg.norm(moved.later - moved.earlier, axis=1)
@@ -289,7 +289,7 @@ def test_points_behind_the_camera_are_no_inliers() -> None:
 
 
 def test_the_paper_draws_all_samples() -> None:
-    """With confidence 1 the generator and the outcome do not depend on what was found early."""
+    """At confidence 1 the result does not depend on the samples that were found early."""
     rng = np.random.default_rng(2)
     true = random_velocity(rng)
     segments = noisy(rng, random_segments(rng, 50, true), np.array([0.5, 0.5, 0.3]))

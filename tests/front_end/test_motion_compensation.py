@@ -1,4 +1,4 @@
-"""Motion-compensated pictures: sharp if the image motion is right, harmless if it is not."""
+"""Motion-compensated pictures: sharp with the right image motion, harmless with a wrong one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ def constant_flow(motion: np.ndarray) -> Flow:
 
 
 def spot(place: np.ndarray, motion: np.ndarray, seed: int, count: int = 400) -> RectifiedEvents:
-    """Events around a point that is at `place` in the cluster's middle and moves, px/s."""
+    """Simulate events around a moving point that is at `place` in the middle of the cluster.
+
+    `motion` is in pixels per second.
+    """
     rng = np.random.default_rng(seed)
     t = np.sort(rng.uniform(START, STOP, count) ** 2 / STOP)
     t = np.clip(t, START, STOP)
@@ -89,7 +92,7 @@ def test_image_motion_is_that_of_the_features_near() -> None:
 
 
 def test_observations_get_times_and_places_of_their_own_events() -> None:
-    """Features and events that move alike: what is seen in pictures is where it truly was."""
+    """Features and events move alike, so the observations are at their true positions."""
     motion, disparity = np.array([80.0, -30.0]), np.array([6.0, 0.0])
     places = np.random.default_rng(3).uniform([15, 12], [65, 48], (12, 2))
     compensation = MotionCompensation(CompensationConfig(time_radius=4.0), frames=3)
@@ -104,7 +107,7 @@ def test_observations_get_times_and_places_of_their_own_events() -> None:
 
         cluster = StereoCluster(start, start + 0.06, image(np.zeros(2)), image(-disparity))
         left, _ = compensation.pictures(cluster)
-        # The first two pictures are blurred, about their events' mean time.
+        # The first two pictures are blurred around the mean time of their events.
         blurred = start + 0.02 if number < 2 else start + 0.03
         seen = places + blurred * motion
         found = compensation.timed(

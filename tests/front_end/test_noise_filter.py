@@ -1,4 +1,4 @@
-"""Filters of events against their definitions, and the image of a cluster's times."""
+"""Event filters compared with their definitions, and the image of a cluster's event times."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_batches_do_not_matter(seed: int, cut: int) -> None:
 
 @pytest.mark.parametrize("pixel", [(5, 4), (0, 0), (WIDTH - 1, HEIGHT - 1)])
 def test_hot_pixel_is_masked_and_no_other(pixel: tuple[int, int]) -> None:
-    events = random_events(0, 1000)  # some nine a pixel
+    events = random_events(0, 1000)  # about nine per pixel
     u, v = pixel
     hot = Events(
         np.full(2000, u, np.uint16),

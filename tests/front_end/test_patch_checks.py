@@ -1,4 +1,4 @@
-"""Correlation and gradient of patches by their definitions, and what they let through."""
+"""Correlation and gradient of patches compared with their definitions, and the checks by them."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ PLANE = MovingPlane(Texture(7), np.array([0, 0, 0, 0.03, -0.02, 0]))
 
 
 def random_points(seed: int, count: int = 10) -> NDArray[np.float32]:
-    """Some of them beyond the border of the images."""
+    """Draw points (N, 2), some of them beyond the border of the images."""
     return np.random.default_rng(seed).uniform(-3, 63, (count, 2)).astype(np.float32)
 
 
 def sampled(image: NDArray, points: NDArray) -> NDArray[np.float64]:
-    """Bilinear patches (N, 81), the border repeated."""
+    """Sample bilinear patches (N, 81), with the border repeated."""
     dy, dx = np.mgrid[-RADIUS : RADIUS + 1, -RADIUS : RADIUS + 1]
     u, v = (points[:, axis, None] + d.ravel() for axis, d in ((0, dx), (1, dy)))
     return map_coordinates(image.astype(np.float64), [v, u], order=1, mode="nearest")
@@ -90,7 +90,7 @@ def tracked(**fields: float) -> Observations:
 
 @pytest.mark.parametrize("check", ["min_correlation", "min_row_gradient"])
 def test_no_match_is_below_what_is_asked(check: str) -> None:
-    """Of the plane's matches some are; not asked, some stay."""
+    """Without a check some matches of the plane are below its limit, with it none is."""
     none = {"min_correlation": -1.0, "min_row_gradient": 0.0}
     radius, least = KltConfig().patch_size // 4, []
     for limit in (none[check], {"min_correlation": 0.9, "min_row_gradient": 40.0}[check]):

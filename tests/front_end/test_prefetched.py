@@ -1,4 +1,4 @@
-"""What is read ahead is the same, in the same order, and fails at the same place."""
+"""Prefetched items are the same, in the same order, and fail at the same place."""
 
 from __future__ import annotations
 

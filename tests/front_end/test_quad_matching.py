@@ -29,7 +29,7 @@ Shift = tuple[int, int]
 
 
 def stereo_features(left: Shift, right: Shift, nms_radius: int = 3) -> StereoFeatures:
-    """Features of the texture moved by (dx, dy) in each of two images."""
+    """Detect features of the texture moved by (dx, dy) in each of two images."""
     config = FEATURES.model_copy(update={"nms_radius": nms_radius})
     return StereoFeatures(
         *(
@@ -44,7 +44,7 @@ def ranges(config: Viso2Config, frames_between: int = 1) -> SearchRanges:
 
 
 def seen_in_all(points: NDArray[np.int32], shifts: list[Shift]) -> NDArray[np.bool_]:
-    """Which points (N, 2) are well inside all images of the shifted texture."""
+    """Return which points (N, 2) are well inside all images of the shifted texture."""
     moved = points + np.array(shifts)[:, None]
     return ((moved > 16) & (moved < np.array([WIDTH, HEIGHT]) - 16)).all(axis=(0, 2))
 
@@ -69,7 +69,7 @@ def test_quads_recover_flow_and_disparity(dx: int, dy: int, disparity: int, clos
 
 
 def found_share(disparity: int, row_shift: int, flow: int, config: Viso2Config) -> float:
-    """Share of the left features whose quad is the true one."""
+    """Compute the share of the left features whose quad is the true one."""
     current = stereo_features((flow, 0), (flow - disparity, row_shift))
     previous = stereo_features((0, 0), (-disparity, row_shift))
     quads = match_quads(current, previous, ranges(config), config)
@@ -172,7 +172,7 @@ def test_blank_images_have_no_quads() -> None:
 def test_two_stages_keep_every_true_quad_of_one_and_search_less(
     dx: int, dy: int, disparity: int
 ) -> None:
-    """What is best among all candidates is best among fewer, if it is one of them."""
+    """The best of all candidates is also the best of fewer, if it is one of them."""
     config = CONFIG.model_copy(update={"min_support": 0})
     shifts = [(dx, dy), (dx - disparity, dy)], [(0, 0), (-disparity, 0)]
     current, previous = (stereo_features(*shift) for shift in shifts)

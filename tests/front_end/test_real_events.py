@@ -1,7 +1,7 @@
 """Real events: velocity against motion capture, stereo matches against measured disparity.
 
-Of MVSEC indoor_flying1 the left events are real, the right ones made of them and measured depth. Of
-a box that moves past a stereo pair all are real.
+MVSEC indoor_flying1 has real left events; the right ones are made of them and of measured depth.
+The events of a box that moves past a stereo pair are all real.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ SLICE = SHARED / "real" / "mvsec_indoor_flying1_slice" / "semi_synthetic_data.hd
 CALIBRATION = SHARED / "recordings" / "camchain-imucam-indoor_flying.yaml"
 BOX = SHARED / "real" / "emp_stereo" / "box1.txt"
 ANGULAR, LINEAR = (0.014, 0.155, 0.018), (0.084, -0.087, -0.092)
-"""Near the middle, rad/s and m/s, as the data's description gives them."""
+"""Velocities near the middle, rad/s and m/s, from the description of the data."""
 
 
 @pytest.mark.skipif(not SLICE.exists(), reason=f"needs {SLICE.name} of the shared data")
 def test_velocity_of_real_events() -> None:
-    """Two clusters of slow motion are enough for the default."""
+    """Two clusters of slow motion are enough for the default configuration."""
     recording = open_recording(SLICE, CALIBRATION)
     trajectory = Odometry(recording.rig).run(recording)
     middle = [trajectory.velocity(t) for t in np.linspace(0.06, 0.19, 27)]
@@ -41,7 +41,7 @@ def test_velocity_of_real_events() -> None:
 
 
 def box_clusters(window: float) -> Iterator[tuple[StereoCluster, NDArray[np.float64]]]:
-    """Clusters of rectified events and (N, 3) column, row and true disparity of the left ones."""
+    """Yield clusters, and column, row and true disparity (N, 3) of their left events."""
     width, height = resolution = 240, 180
     same = np.dstack(np.meshgrid(np.arange(width), np.arange(height))).astype(np.float32)
     table = np.loadtxt(BOX)
@@ -61,7 +61,7 @@ def box_clusters(window: float) -> Iterator[tuple[StereoCluster, NDArray[np.floa
 
 
 def box_disparity_errors(tracking: TrackingConfig, window: float = 0.1) -> NDArray[np.float64]:
-    """Disparity less the true one, which is the median's of the events within seven pixels."""
+    """Compute the disparity errors, where the truth is the median of the events within 7 pixels."""
     tracker, errors = MultiResolutionTracker(tracking), [np.empty(0)]
     for cluster, truth in box_clusters(window):
         seen = tracker.track(cluster)
@@ -75,9 +75,9 @@ def box_disparity_errors(tracking: TrackingConfig, window: float = 0.1) -> NDArr
 
 @pytest.mark.skipif(not BOX.exists(), reason=f"needs {BOX.name} of the shared data")
 def test_disparity_of_real_stereo_events() -> None:
-    """85 % of accepted matches within a pixel of the truth, none within one of 15 pixels beside it.
+    """85 % of accepted matches are within a pixel of the truth, below 1 % are 15 pixels off.
 
-    The truth itself is up to a pixel beside the disparity at which the events correlate best.
+    The truth itself differs by up to a pixel from the disparity at which the events correlate best.
     """
     errors = box_disparity_errors(TrackingConfig())
     assert len(errors) > 400 and (np.abs(errors) < 1).mean() >= 0.85

@@ -1,4 +1,4 @@
-"""Search ranges by their definition: they hold what the matches around did, and no more."""
+"""Search ranges equal their definition: they contain the surrounding matches, and no more."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WHOLE = everywhere(SHAPE, 1, CONFIG)
 
 
 def random_quads(seed: int, count: int) -> NDArray[np.int32]:
-    """Points (4, N, 2) of quads whose steps lie within the whole ranges."""
+    """Draw points (4, N, 2) of quads whose steps lie within the whole ranges."""
     rng = np.random.default_rng(seed)
     left = rng.integers(0, (SHAPE[1], SHAPE[0]), (count, 2))
     disparity = rng.integers(1, 30, (2, count, 1)) * [1, 0]
@@ -34,12 +34,12 @@ def random_quads(seed: int, count: int) -> NDArray[np.int32]:
 
 
 def displacements(quads: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(STEPS, N, 2)"""
+    """Compute the displacements (STEPS, N, 2) of the steps of quads."""
     return np.stack([quads[(k + 1) % STEPS] - quads[k] for k in range(STEPS)])
 
 
 def inside(ranges: SearchRanges, quads: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Which quads (N,) make only steps that the ranges allow."""
+    """Return which quads (N,) make only steps that the ranges allow."""
     windows, step = ranges.at(quads[0]), displacements(quads)
     return ((step >= windows[..., 0::2]) & (step <= windows[..., 1::2])).all(axis=(0, 2))
 
@@ -87,7 +87,7 @@ def test_ranges_hold_their_matches_and_lie_within_the_whole(seed: int, count: in
 @given(st.integers(0, 2**32))
 @settings(deadline=None, max_examples=30)
 def test_ranges_hold_the_true_displacement_of_all_features_of_a_smooth_motion(seed: int) -> None:
-    """With a match in each cell: within one, displacements differ by less than the least range."""
+    """Each cell has a match, and displacements in a cell differ by less than the least range."""
     rng = np.random.default_rng(seed)
     slope, offset = rng.uniform(-0.05, 0.05, (2, 2)), rng.uniform(-15, 15, 2)
     disparity_slope = rng.uniform(-0.02, 0.02, 2)

@@ -1,4 +1,4 @@
-"""Refinement recovers known shifts of a smooth image, to a pixel or between pixels."""
+"""Refinement recovers known shifts of a smooth image, of whole pixels or fractions of them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NOISE = gaussian_filter(np.random.default_rng(1).normal(size=(300, 360)), 2.0)
 
 
 def image(dx: float = 0.0, dy: float = 0.0) -> NDArray[np.uint8]:
-    """Smooth noise moved by (dx, dy) pixels."""
+    """Draw smooth noise moved by (dx, dy) pixels."""
     moved = shift(128 + 400 * NOISE, (dy, dx), order=5)
     return np.clip(np.rint(moved[60:240, 60:300]), 0, 255).astype(np.uint8)
 
@@ -43,10 +43,10 @@ def test_whole_pixel_shifts_are_found_exactly(dx: int, dy: int) -> None:
 
 @pytest.mark.parametrize("moved", [(0.25, 0.0), (0.0, -0.4), (0.5, 0.5), (-0.3, 0.4), (1.2, -0.7)])
 def test_sub_pixel_shifts_are_found(moved: tuple[float, float]) -> None:
-    """To 0.2 pixels in the median, 0.45 in nine of ten.
+    """The error is below 0.2 pixels in the median and below 0.45 in nine of ten points.
 
-    Absolute differences have a sharper minimum than the parabola through them, which pulls it to
-    whole pixels, by less than 0.1 pixels.
+    Absolute differences have a sharper minimum than the parabola through them. The parabola is
+    therefore biased to whole pixels, by less than 0.1 pixels.
     """
     points = distinct_points()
     reference = patches(gradients(image()), points)

@@ -1,4 +1,4 @@
-"""Every tracker follows a textured plane, and a landmark stays the same point of it."""
+"""Every tracker follows a textured plane, and a landmark stays the same point of the plane."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from gpvo.tracking.viso2.tracker import NO_LANDMARK
 IMAGE_TRACKERS = ["klt", "viso2"]
 TRACKERS = [*IMAGE_TRACKERS, "event"]
 FRAMES = 5
-THRESHOLDS = {"klt": 50.0, "viso2": 700.0, "event": 50.0}  # of thousands, some 900 to match
+THRESHOLDS = {"klt": 50.0, "viso2": 700.0, "event": 50.0}  # 700 leaves some 900 features to match
 SIGHTINGS = {"klt": (FRAMES - 1, 200), "viso2": (FRAMES - 1, 200), "event": (3, 50)}
-"""Least sightings of so many landmarks; the event tracker waits until a patch has moved."""
+"""Number of sightings, and of landmarks that must have it; event patches must move first."""
 # Body twists per frame: to the side, ahead, and turning.
 TWISTS = {
     "side": np.array([0, 0, 0, 0.03, -0.02, 0]),
@@ -56,7 +56,7 @@ def images(motion: str, frame: int) -> tuple[Image, Image]:
 
 @cache
 def cluster(tracker: str, motion: str, frame: int) -> StereoCluster:
-    """Contours at the time of a frame, or the events from it to the next."""
+    """Make the contours at the time of a frame, or the events from it to the next."""
     if tracker == "event":
         return PLANES[motion].cluster(frame, frame + 1)
     return cluster_of(*images(motion, frame), FRAME * frame)
@@ -71,7 +71,7 @@ def blanked(seen: StereoCluster) -> StereoCluster:
 def track(
     tracker: str, motion: str, resolutions: tuple[int, ...] = (1, 2), blank: int | None = None
 ) -> Observations:
-    """All observations of a moving plane; frame `blank` shows nothing."""
+    """Return all observations of a moving plane; frame `blank` shows nothing."""
     tracking = make_tracker(configuration(tracker, resolutions=resolutions))
     parts = []
     for frame in range(FRAMES):
@@ -81,7 +81,7 @@ def track(
 
 
 def errors(plane: MovingPlane, seen: Observations) -> tuple[NDArray, NDArray]:
-    """Distance (N,) from where the landmark's first sighting puts it, and disparity error (N,)."""
+    """Compute distances (N,) from the first sighting's prediction, and disparity errors (N,)."""
     at = np.where(np.isnan(seen.times[:, 0]), seen.frame, seen.times[:, 0] / FRAME)
     points, disparity = np.empty((len(seen), 3)), np.empty(len(seen))
     for moment in np.unique(at):
@@ -171,7 +171,7 @@ def test_descriptor_tracker_forgets_landmarks_out_of_reach() -> None:
 
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_swapped_cameras_have_no_landmarks(tracker: str) -> None:
-    """A negative disparity is never a match; what is left is chance."""
+    """A negative disparity is never a match, so only chance matches are left."""
     tracking = make_tracker(configuration(tracker))
     found = 0
     for frame in range(3):

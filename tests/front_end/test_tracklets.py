@@ -1,4 +1,4 @@
-"""Feature times by brute force; the four filters at their thresholds; what is kept and given."""
+"""Feature times compared with brute force, filters at their thresholds, and the tracklet store."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def random_surface(rng: np.random.Generator, events: int) -> NDArray[np.float64]
 
 
 def distances(surface: NDArray[np.float64], point: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
-    """Distances from a point to all events, and the events' times."""
+    """Compute the distances from a point to all events, and return the events' times too."""
     row, column = np.nonzero(np.isfinite(surface))
     return np.hypot(column - point[0], row - point[1]), surface[row, column]
 
@@ -77,7 +77,7 @@ CONFIG = TrackletConfig(
 
 
 def add(tracklets: Tracklets, frame: int, *sightings: Sighting) -> None:
-    """Add a cluster that shows each landmark's events at the times given."""
+    """Add a cluster that shows each landmark's events at the given times."""
     left, right = (np.full((HEIGHT, WIDTH), -np.inf) for _ in range(2))
     for _, u, v, disparity, t_left, t_right in sightings:
         left[int(v), int(u)] = t_left
@@ -101,7 +101,7 @@ def two_sightings(
     motion: tuple[float, float] = (6.0, 0.0),
     duration: float = 1 / 8,
 ) -> tuple[Measurements, int]:
-    """What is given of a landmark seen twice, and in how many segments it is."""
+    """Return the measurements of a landmark seen twice, and the number of its segments."""
     tracklets = Tracklets(CONFIG)
     add(tracklets, 0, (3, 30, 20, disparity, 1.0, 1.0 + stereo_time))
     t = 1.0 + duration
@@ -144,7 +144,7 @@ def test_measurements_are_stereo_pixels_at_the_left_event() -> None:
 
 
 def moving(landmark: int, frame: int, speed: float = 4.0) -> Sighting:
-    """A landmark on a row of its own that is seen at frame/8 and a bit."""
+    """Return the sighting of a landmark on a row of its own, shortly after the time frame / 8."""
     t = frame / 8 + landmark / 1024
     return landmark, 20 + speed * frame, 5.0 * landmark + 5, 8.0, t, t
 
@@ -228,7 +228,7 @@ def test_any_segment_has_a_positive_time_and_two_measurements(seed: int) -> None
 
 
 def test_history_is_limited() -> None:
-    """Slow landmarks need the older clusters to be long enough; they must not be too old."""
+    """Slow landmarks need older clusters to be long enough, and these must not be too old."""
     for frames, expected in ((3, 0), (4, 4), (5, 4), (9, 4)):
         tracklets = Tracklets(CONFIG)
         for frame in range(frames):

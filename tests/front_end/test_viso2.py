@@ -1,4 +1,4 @@
-"""The parts of LIBVISO2 that the tracker puts together, and what switching each does."""
+"""Parts of LIBVISO2 that the tracker combines, and the effect of switching each."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def images(frame: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def tracked(threshold: float = 300.0, **fields: object) -> Viso2Tracker:
-    """A tracker that has seen some frames."""
+    """Run a tracker over some frames."""
     features = {"response_threshold": threshold}
     tracker = Viso2Tracker(TrackingConfig.model_validate({"features": features, "viso2": fields}))
     for frame in range(FRAMES):
@@ -31,13 +31,13 @@ def tracked(threshold: float = 300.0, **fields: object) -> Viso2Tracker:
 
 
 def shared_landmarks(tracker: Viso2Tracker) -> set[int]:
-    """Landmarks of both the latest frame and the one before."""
+    """Return the landmarks of both the latest frame and the one before."""
     before, latest = (set(frame.landmark.tolist()) for frame in list(tracker._frames)[-2:])
     return (before & latest) - {NO_LANDMARK}
 
 
 def true_share(tracker: Viso2Tracker) -> float:
-    """Share of shared landmarks that are the same point of the plane, to three pixels."""
+    """Compute the share of shared landmarks that stay the same point of the plane, to 3 pixels."""
     before, latest = list(tracker._frames)[-2:]
     distance = []
     for landmark in shared_landmarks(tracker):
@@ -51,14 +51,14 @@ def true_share(tracker: Viso2Tracker) -> float:
 
 
 def test_two_stages_find_more_where_the_search_is_wide() -> None:
-    """One stage meets more look-alikes; of either's matches nearly all are true."""
+    """One stage meets more similar features; nearly all matches of two stages are true."""
     one, two = (tracked(two_stage=on, flow_radius=80) for on in (False, True))
     assert len(shared_landmarks(two)) >= 1.05 * len(shared_landmarks(one)) > 200
     assert true_share(two) > 0.95
 
 
 def test_ranges_hold_the_motion_of_landmarks_between_frames_far_apart() -> None:
-    """A landmark known in both is matched again, or no worse one takes its place."""
+    """The first and the latest frame match, and no feature is in two quads."""
     tracker = tracked()
     first, *_, latest = tracker._frames
     quads = tracker._match(latest, first)
@@ -74,7 +74,7 @@ def test_no_cell_has_more_new_landmarks_than_its_bucket_holds(count: int) -> Non
 
 
 def test_buckets_prefer_what_was_seen_before() -> None:
-    """The latest frame continues most of the landmarks of the one before, few as they are."""
+    """The latest frame continues most landmarks of the one before, although there are few."""
     few, all_ = tracked(bucket_features=1, bucket_size=40), tracked()
     before, latest = list(few._frames)[-2:]
     assert len(shared_landmarks(few)) < 0.5 * len(shared_landmarks(all_))
@@ -84,7 +84,7 @@ def test_buckets_prefer_what_was_seen_before() -> None:
 
 
 def test_features_of_smoothed_frames_are_found_again() -> None:
-    """Binary contours are ragged: of as many features of blurred ones more match."""
+    """Binary contours are ragged, so a larger share of the features of blurred ones matches."""
     raw, blurred = tracked(1500, smoothing=0), tracked(300)
     shares = [
         len(shared_landmarks(tracker)) / len(tracker._frames[-1].landmark)

@@ -1,4 +1,4 @@
-"""Bags written by the libraries of ROS users, message by message: an oracle of our parsers."""
+"""Write bags by other libraries, message by message, as a reference for our parsers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Messages = Sequence[tuple[str, str, int, Any]]
 
 
 def types(ros1: bool) -> Any:
-    """A store that knows the event messages."""
+    """Return a type store with the event messages."""
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
     time = "time" if ros1 else "builtin_interfaces/Time"
     header = "std_msgs/Header"
@@ -50,7 +50,7 @@ def header(store: Any, stamp_ns: int, frame: str, ros1: bool) -> Any:
 def event_arrays(
     store: Any, topic: str, block: EventBlock, ros1: bool, package: str = "dvs_msgs", size: int = 90
 ) -> list[tuple[str, str, int, Any]]:
-    """The events in messages of `size`, one Python object each, after an empty message."""
+    """Return the events in messages of `size`, one Python object each, after an empty message."""
     time = store.types["builtin_interfaces/msg/Time"]
     event = store.types[f"{package}/msg/Event"]
     array = store.types[f"{package}/msg/EventArray"]
@@ -78,7 +78,7 @@ def event_packets(
     size: int = 110,
     delay_ns: int = 0,
 ) -> list[tuple[str, str, int, Any]]:
-    """The events in packets, each with its own time base."""
+    """Return the events in packets, each with its own time base."""
     packet = store.types["event_camera_msgs/msg/EventPacket"]
     messages = []
     for number, first in enumerate(range(0, len(block), size)):
@@ -94,7 +94,7 @@ def event_packets(
 def write_rosbag1(
     path: Path, messages: Messages, compression: Any = None, chunk: int = 20_000
 ) -> Path:
-    """A ROS 1 bag with small chunks."""
+    """Write a ROS 1 bag with small chunks."""
     store = types(True)
     writer = Writer1(path)
     writer.chunk_threshold = chunk
@@ -111,7 +111,7 @@ def write_rosbag1(
 
 
 def write_rosbag2(folder: Path, messages: Messages, storage: StoragePlugin) -> Path:
-    """A ROS 2 bag."""
+    """Write a ROS 2 bag."""
     store = types(False)
     with Writer2(folder, version=9, storage_plugin=storage) as writer:
         connections = {

@@ -1,4 +1,4 @@
-"""Small recordings on disk, and the folder of larger ones where it is present."""
+"""Small recordings on disk, and the folder of larger ones if it is present."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SHARED = Path(__file__).resolve().parents[3] / "shared"
 
 @pytest.fixture
 def write_camchain(tmp_path: Path) -> Callable[[Any], Path]:
-    """Writes a camchain and gives its path."""
+    """Return a function that writes a camchain and returns its path."""
 
     def write(content: Any) -> Path:
         path = tmp_path / "camchain.yaml"
@@ -37,7 +37,7 @@ def recording_path(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """Folder of real and simulated recordings, which is not part of the project."""
+    """Return the folder of real and simulated recordings, which is not part of the project."""
     if not (SHARED / "recordings").is_dir():
         pytest.skip("the shared folder of recordings is not here")
     return SHARED

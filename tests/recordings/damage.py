@@ -1,4 +1,4 @@
-"""Small files of every format, damaged at random, and the question what a reader makes of them."""
+"""Damage small files of every format at random, and classify how they are read."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ COUNT = 800
 
 @dataclass(frozen=True)
 class Sample:
-    """What to open, and which of its files is damaged."""
+    """Recording to open, and which of its files is damaged."""
 
     path: Path
     damaged: Path
@@ -55,7 +55,7 @@ def _bag_of_packets(folder: Path, blocks: tuple[EventBlock, EventBlock], ros1: b
 
 
 def samples(folder: Path, calibration: Path) -> dict[str, Sample]:
-    """Two cameras in every format; the first part of a name is the format."""
+    """Write two cameras in every format; the first part of a name is the format."""
     blocks = event_block(COUNT, 1), event_block(COUNT, 2)
     source = folder / "dsec"
     for side, block in zip(("left", "right"), blocks, strict=True):
@@ -83,12 +83,12 @@ def samples(folder: Path, calibration: Path) -> dict[str, Sample]:
 
 
 def cut(data: bytes, rng: np.random.Generator) -> bytes:
-    """The first part of a file."""
+    """Return the first part of a file."""
     return data[: int(rng.integers(0, len(data)))]
 
 
 def flip(data: bytes, rng: np.random.Generator) -> bytes:
-    """A few bytes replaced by others."""
+    """Replace a few bytes by others."""
     changed = bytearray(data)
     for at in rng.integers(0, len(data), int(rng.integers(1, 9))):
         changed[at] = int(rng.integers(0, 256))
@@ -96,7 +96,7 @@ def flip(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def blank(data: bytes, rng: np.random.Generator) -> bytes:
-    """A stretch of zeros, as a disk leaves it."""
+    """Replace a stretch by zeros, as a failing disk does."""
     at = int(rng.integers(0, len(data)))
     size = int(rng.integers(1, 400))
     return data[:at] + bytes(len(data[at : at + size])) + data[at + size :]
@@ -106,13 +106,13 @@ DAMAGES: tuple[Callable[[bytes, np.random.Generator], bytes], ...] = (cut, flip,
 
 
 def outcome(sample: Sample, expected: tuple[EventBlock, EventBlock], only_cut: bool) -> str:
-    """Read a damaged file: "error", "whole", or "told" / "untold" losses of events.
+    """Read a damaged file; return "error", "whole", or whether losses are "told" or "untold".
 
     Raises
     ------
     AssertionError
-        If batches are not in order, or an error is no single line that names a file, or a file
-        that was only cut gives events that were never written.
+        If batches are not in time order, an error is not a single line that names a file, or a
+        file that was only cut gives events that were never written.
     """
     try:
         recording = open_recording(sample.path, sample.calibration)
@@ -135,7 +135,7 @@ def outcome(sample: Sample, expected: tuple[EventBlock, EventBlock], only_cut: b
 
 
 def _missing(theirs: EventBlock, ours: EventBlock) -> int:
-    """How many of the written events were not read."""
+    """Return how many of the written events were not read."""
     return sum((Counter(_rows(theirs)) - Counter(_rows(ours))).values())
 
 

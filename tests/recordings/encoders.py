@@ -1,4 +1,4 @@
-"""Small encoders of the cameras' byte streams and files, for the tests to write."""
+"""Small encoders of the cameras' byte streams and files, for tests."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ START_NS = 1_500_000_000_123_456_000
 def event_block(
     count: int, seed: int = 0, start_ns: int = START_NS, seconds: float = 0.5
 ) -> EventBlock:
-    """Random events in order, with whole microseconds."""
+    """Return random events in time order, with whole microseconds."""
     rng = np.random.default_rng(seed)
     t_us = np.sort(rng.integers(0, int(seconds * 1e6), count))
     return EventBlock(
@@ -35,7 +35,7 @@ def shifted(block: EventBlock, shift_ns: int) -> EventBlock:
 
 
 def evt3_words(block: EventBlock, vectors: bool = False) -> np.ndarray:
-    """EVT3 of events in order; their times modulo 16.777 s. With `vectors`, VECT_12 of runs."""
+    """Encode ordered events as EVT3, times modulo 16.777 s; with `vectors`, runs as VECT_12."""
     words: list[int] = []
     last_high, last_low, last_y = -1, -1, -1
     index = 0
@@ -67,7 +67,7 @@ def evt3_words(block: EventBlock, vectors: bool = False) -> np.ndarray:
 
 
 def _run(block: EventBlock, first: int, columns: int = 12) -> list[int]:
-    """Following events of one time, row and polarity, rightwards within some columns."""
+    """Return the events from `first` on of one time, row and polarity, rightwards in `columns`."""
     run = [first]
     for index in range(first + 1, len(block)):
         same = all(
@@ -82,7 +82,7 @@ def _run(block: EventBlock, first: int, columns: int = 12) -> list[int]:
 
 
 def evt2_words(block: EventBlock) -> np.ndarray:
-    """EVT2 of events in order."""
+    """Encode ordered events as EVT2."""
     words: list[int] = []
     last_high = -1
     for x, y, t_ns, polarity in zip(block.x, block.y, block.t_ns, block.polarity, strict=True):
@@ -95,7 +95,7 @@ def evt2_words(block: EventBlock) -> np.ndarray:
 
 
 def evt21_words(block: EventBlock, legacy: bool = False) -> np.ndarray:
-    """EVT2.1 of events in order, neighbours of one time, row and polarity in one word."""
+    """Encode ordered events as EVT2.1, neighbours of one time, row and polarity in one word."""
     words: list[int] = []
     last_high = -1
     index = 0
@@ -113,7 +113,7 @@ def evt21_words(block: EventBlock, legacy: bool = False) -> np.ndarray:
 
 
 def raw_file(path: Path, words: np.ndarray, form: str = "") -> Path:
-    """A Prophesee raw file; `form` is a line of the header that not all files have."""
+    """Write a Prophesee raw file; `form` is a line of the header that not all files have."""
     version = {2: "3.0", 4: "2.0", 8: "2.1"}[words.itemsize]
     lines = ["date 2026-01-01 00:00:00", f"evt {version}", form, f"geometry {WIDTH}x{HEIGHT}"]
     header = "".join(f"% {line}\n" for line in [*lines, "end"] if line)
@@ -123,7 +123,7 @@ def raw_file(path: Path, words: np.ndarray, form: str = "") -> Path:
 
 
 def libcaer_packed_words(block: EventBlock, time_base_ns: int) -> np.ndarray:
-    """libcaer_cmp of one packet."""
+    """Encode one packet as libcaer_cmp."""
     words = []
     for x, y, t_ns, polarity in zip(block.x, block.y, block.t_ns, block.polarity, strict=True):
         t_us = (int(t_ns) - time_base_ns) // 1000
@@ -133,7 +133,7 @@ def libcaer_packed_words(block: EventBlock, time_base_ns: int) -> np.ndarray:
 
 
 def libcaer_records(block: EventBlock, time_base_ns: int) -> np.ndarray:
-    """libcaer of one packet."""
+    """Encode one packet as libcaer."""
     records = np.zeros(len(block), [("data", "<u4"), ("ts", "<i4")])
     x, y = block.x.astype(np.uint32), block.y.astype(np.uint32)
     records["data"] = x << 17 | y << 2 | block.polarity.astype(np.uint32) << 1 | 1
@@ -142,7 +142,7 @@ def libcaer_records(block: EventBlock, time_base_ns: int) -> np.ndarray:
 
 
 def mono_records(block: EventBlock, time_base_ns: int) -> np.ndarray:
-    """The 8-byte records of `mono`."""
+    """Encode one packet as the 8-byte records of `mono`."""
     parts = [block.t_ns - time_base_ns, block.x, block.y, block.polarity]
     dt, x, y, polarity = (np.asarray(part).astype(np.uint64) for part in parts)
     bits = dt | x << np.uint64(32) | y << np.uint64(48) | polarity << np.uint64(63)
@@ -150,7 +150,7 @@ def mono_records(block: EventBlock, time_base_ns: int) -> np.ndarray:
 
 
 def column_file(path: Path, block: EventBlock, **changes: Any) -> Path:
-    """DSEC's layout; `changes` replace datasets, None leaves one out."""
+    """Write a file in DSEC's layout; `changes` replace datasets, None leaves one out."""
     offset_us = int(block.t_ns[0]) // 1000 - 5
     t = block.t_ns // 1000 - offset_us
     datasets: dict[str, Any] = {
@@ -171,7 +171,7 @@ def column_file(path: Path, block: EventBlock, **changes: Any) -> Path:
 
 
 def text_file(path: Path, block: EventBlock) -> Path:
-    """`t x y polarity`, seconds from zero."""
+    """Write lines of `t x y polarity`, with seconds from zero."""
     seconds = (block.t_ns - START_NS) / 1e9
     lines = [
         f"{t:.9f} {x} {y} {int(polarity)}"

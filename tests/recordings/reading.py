@@ -9,7 +9,7 @@ from gpvo.recordings.streams import EventBlock, EventStream, Faults
 
 
 def read_recording(recording: Recording) -> tuple[EventBlock, EventBlock]:
-    """All events of both cameras, with absolute stamps."""
+    """Return all events of both cameras, with absolute stamps."""
     batches = list(recording.event_batches())
     left = Events.concatenate([batch.left for batch in batches])
     right = Events.concatenate([batch.right for batch in batches])
@@ -26,7 +26,7 @@ def read_stream(stream: EventStream, faults: Faults | None = None) -> EventBlock
 
 
 def assert_same_events(ours: EventBlock, theirs: EventBlock, tolerance_ns: int = 0) -> None:
-    """Equal columns of equal types; stamps may differ by the resolution of a format."""
+    """Check for equal columns and types; stamps may differ by the resolution of a format."""
     assert len(ours) == len(theirs)
     for column in ("x", "y", "polarity"):
         assert getattr(ours, column).dtype == getattr(theirs, column).dtype
@@ -38,7 +38,7 @@ def assert_same_events(ours: EventBlock, theirs: EventBlock, tolerance_ns: int =
 def assert_recording_holds(
     recording: Recording, left: EventBlock, right: EventBlock, tolerance_ns: int = 0
 ) -> None:
-    """The batches of a recording hold these events."""
+    """Check that the batches of a recording hold these events."""
     ours = read_recording(recording)
     assert_same_events(ours[0], left, tolerance_ns)
     assert_same_events(ours[1], right, tolerance_ns)

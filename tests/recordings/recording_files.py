@@ -1,4 +1,4 @@
-"""Contents of small MVSEC recordings and camchains, for the tests to write."""
+"""Contents of small MVSEC recordings and camchains, for tests."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ WIDTH, HEIGHT = 64, 48
 
 
 def camchain() -> dict[str, Any]:
-    """A kalibr camchain of two fisheye cameras 0.1 m apart, without rectification."""
+    """Return a kalibr camchain of two fisheye cameras 0.1 m apart, without rectification."""
     camera = {
         "camera_model": "pinhole",
         "distortion_model": "equidistant",
@@ -26,7 +26,7 @@ def camchain() -> dict[str, Any]:
 
 
 def event_rows(count: int, seed: int = 0, start: float = 1.5e9, seconds: float = 0.5) -> np.ndarray:
-    """(count, 4) random rows of MVSEC: x, y, sorted times, polarity -1 or 1."""
+    """Return random rows (count, 4) of MVSEC: x, y, sorted times, polarity -1 or 1."""
     rng = np.random.default_rng(seed)
     x, y = rng.integers(0, WIDTH, count), rng.integers(0, HEIGHT, count)
     t = start + np.sort(rng.uniform(0.0, seconds, count))

@@ -86,7 +86,7 @@ def test_rosbag2_in_two_files(tmp_path: Path, calibration: Path) -> None:
 def test_mcap_of_its_own_library(
     tmp_path: Path, calibration: Path, compression: CompressionType, chunked: bool
 ) -> None:
-    """Whatever the schema is written in, and with any compression, also without chunks."""
+    """Any language of the schema and any compression are read, with and without chunks."""
     store = types(False)
     path = tmp_path / "a.mcap"
     with path.open("wb") as file:
@@ -149,14 +149,14 @@ def test_event_packets(tmp_path: Path, calibration: Path, encoding: str, ros1: b
 
 
 def test_cameras_that_share_a_clock_keep_it(tmp_path: Path, calibration: Path) -> None:
-    """Delays of arrival do not enter where the sensors' own stamps agree but for their wraps."""
+    """Arrival delays have no effect if the sensors' own stamps agree except for wraps."""
     messages = packets(True, "evt3", delays=(3_000_000, 8_000_000))
     recording = open_recording(write_rosbag1(tmp_path / "a.bag", messages), calibration)
     assert_recording_holds(recording, shifted(LEFT, 3_000_000), shifted(RIGHT, 3_000_000))
 
 
 def test_wraps_of_one_camera_only(tmp_path: Path, calibration: Path) -> None:
-    """The left camera's counter wraps before its first packet, the right one's behind."""
+    """The left camera's counter wraps before its first packet, the right one's after its first."""
     start = (START_NS // WRAP_NS + 1) * WRAP_NS + 5_000_000
     left = event_block(300, 3, start)
     right = event_block(400, 4, start - 8_000_000)
@@ -243,7 +243,7 @@ def test_camera_info_in_the_bag(tmp_path: Path) -> None:
 
 
 def test_real_bag_of_event_packets(shared: Path) -> None:
-    """The sums that event_camera_py's own tests expect."""
+    """The sums are those that event_camera_py's own tests expect."""
     bag = RosBag1(shared / "real/reader_samples/event_camera_py_test_events_1.bag")
     (topic,) = event_topics(bag)
     stream = topic_stream(bag, topic)

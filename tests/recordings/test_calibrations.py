@@ -41,7 +41,7 @@ def reference(write_camchain: Write, model: str) -> StereoRig:
 
 
 def assert_same_rig(ours: StereoRig, theirs: StereoRig, atol: float = 1e-4) -> None:
-    """Every raw pixel is rectified to the same place, with the same baseline."""
+    """Check that every raw pixel is rectified to the same place and the baselines agree."""
     assert ours.baseline == pytest.approx(theirs.baseline, abs=1e-6)
     assert ours.focal_length == pytest.approx(theirs.focal_length, abs=atol)
     for table, other in zip(ours.tables, theirs.tables, strict=True):
@@ -49,7 +49,7 @@ def assert_same_rig(ours: StereoRig, theirs: StereoRig, atol: float = 1e-4) -> N
 
 
 def dsec(rig: StereoRig, T_right_left: np.ndarray) -> dict[str, Any]:
-    """cam_to_cam.yaml with two frame cameras between the event cameras."""
+    """Return a cam_to_cam.yaml with two frame cameras between the event cameras."""
     T_10, T_21 = turned(1.0, 0.02, 0.01, 0.0), turned(-3.0, -0.3, 0.0, 0.02)
     T_32 = T_right_left @ np.linalg.inv(T_21 @ T_10)
     cameras = {"cam0": rig.left, "cam1": rig.left, "cam2": rig.left, "cam3": rig.right}
@@ -72,7 +72,7 @@ def dsec(rig: StereoRig, T_right_left: np.ndarray) -> dict[str, Any]:
 
 
 def basalt(rig: StereoRig, T_right_left: np.ndarray) -> dict[str, Any]:
-    """TUM-VIE's four cameras, of which the last two are the event cameras."""
+    """Return TUM-VIE's four cameras, of which the last two are the event cameras."""
     T_imu_left = turned(40.0, 0.1, 0.2, 0.3)
     poses = [np.eye(4), np.eye(4), T_imu_left, T_imu_left @ np.linalg.inv(T_right_left)]
     names = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
@@ -146,7 +146,7 @@ def test_camera_info(tmp_path: Path, write_camchain: Write, model: str, rectifie
 
 
 def test_vector(tmp_path: Path, write_camchain: Write) -> None:
-    """CameraInfo of single cameras, and a file with the poses of all of them."""
+    """The CameraInfo are of single cameras, and one file has the poses of all cameras."""
     rig = reference(write_camchain, "radtan")
     T_cam0_left = turned(20.0, 0.1, 0.0, 0.02)
     for side, camera in (("left", rig.left), ("right", rig.right)):
@@ -166,7 +166,7 @@ def test_vector(tmp_path: Path, write_camchain: Write) -> None:
 
 @pytest.mark.parametrize("model", LENS)
 def test_camchains_that_we_write(tmp_path: Path, write_camchain: Write, model: str) -> None:
-    """With its rectification and, without that, from T_cn_cnm1."""
+    """The rig is read from its rectification and, without that, from T_cn_cnm1."""
     rig = reference(write_camchain, model)
     path = tmp_path / "written.camchain.yaml"
     write_camchain_of_rig(path, rig)
@@ -196,7 +196,7 @@ def test_calibration_beside_the_recording(tmp_path: Path, write_camchain: Write)
 
 
 def broken(content: dict[str, Any], place: str, value: Any) -> dict[str, Any]:
-    """The content with one field replaced, or removed where the value is None."""
+    """Return the content with one field replaced, or removed if the value is None."""
     content = json.loads(json.dumps(content))
     *parents, last = place.split("/")
     at: Any = content
@@ -266,7 +266,7 @@ def test_nothing_in_a_calibration_runs(tmp_path: Path) -> None:
 
 
 def test_bombs_are_refused_or_small(tmp_path: Path) -> None:
-    """JSON nested without end is one error, not a crash."""
+    """Deeply nested JSON is one error, not a crash."""
     path = tmp_path / "a.json"
     path.write_text("[" * 100_000)
     with pytest.raises(InputError, match="not valid JSON"):

@@ -1,4 +1,4 @@
-"""Converted recordings hold the same events to the microsecond, for us and for other libraries."""
+"""Converted recordings give us and other libraries the same events to the microsecond."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ KINDS = tuple(WRITERS)
 
 @pytest.mark.parametrize(("kind", "second"), list(zip(KINDS, (*KINDS[1:], KINDS[0]), strict=True)))
 def test_round_trips(tmp_path: Path, recording: Recording, kind: str, second: str) -> None:
-    """Through two formats, each found from its content, with its calibration beside it."""
+    """Two formats in a row, recognised by their content, each with its calibration beside it."""
     first = tmp_path / "first" / OUTPUTS[kind]
     assert convert(recording, first) == (2000, 1500)
     again = tmp_path / "second" / OUTPUTS[second]
@@ -130,7 +130,7 @@ def test_aedat4_that_others_read(tmp_path: Path, recording: Recording) -> None:
 
 
 def test_recordings_longer_than_uint32_microseconds(tmp_path: Path, calibration: Path) -> None:
-    """71 minutes are no limit of ours."""
+    """Recordings may be longer than 71 minutes."""
     late = shifted(event_block(50, 3), 3 * 10**12)
     for side in ("left", "right"):
         block = EventBlock.concatenate([event_block(50, 4), late])

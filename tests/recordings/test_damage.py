@@ -1,4 +1,4 @@
-"""Damaged files: what is intact is read and the rest is told, or there is one clear error."""
+"""Damaged files: intact parts are read and losses reported, or there is one clear error."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_damage(intact: Intact, name: str, damage: Callable) -> None:
 
 @pytest.mark.parametrize("name", ["rosbag1", "rosbag1 packets"])
 def test_a_bag_without_its_end_loses_its_end_only(intact: Intact, name: str) -> None:
-    """What a killed recorder leaves: no index, no list of topics, half a chunk."""
+    """A killed recorder leaves no index, no list of topics, and half a chunk."""
     sample, whole, expected = intact[name]
     try:
         sample.damaged.write_bytes(whole[: len(whole) * 3 // 5])
@@ -88,7 +88,7 @@ def test_a_bag_without_its_end_loses_its_end_only(intact: Intact, name: str) -> 
 
 
 def test_aedat4_cut_between_packets_tells_it(intact: Intact) -> None:
-    """All that is there is whole; only the header knows where the table behind it begins."""
+    """All packets are whole; only the header shows that more should follow them."""
     sample, unfinished, expected = intact["aedat4"]
     whole = unfinished.replace(struct.pack("<q", -1), struct.pack("<q", len(unfinished)), 1)
     at = len(MAGIC) + 4 + struct.unpack_from("<I", whole, len(MAGIC))[0]

@@ -1,4 +1,4 @@
-"""Decoders of byte streams against plain ones, and against what was encoded."""
+"""Decoders of byte streams agree with plain decoders and with the encoded events."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WRAP_NS = evt3.WRAP_US * 1000
 
 
 def plain_evt3(words: list[int]) -> list[tuple[int, int, int, int]]:
-    """(x, y, t in microseconds, polarity), after the table of the format, times in order."""
+    """Return (x, y, t in microseconds, polarity) by the table of the format, for ordered times."""
     events = []
     y = base = polarity = wraps = 0
     high = low = None
@@ -54,7 +54,7 @@ def plain_evt3(words: list[int]) -> list[tuple[int, int, int, int]]:
 def decoded(
     decoder: evt3.Evt3 | evt2.Evt2 | evt2.Evt21, words: np.ndarray, cuts: list[int]
 ) -> list[tuple]:
-    """Events of words that arrive in pieces."""
+    """Return the events of words that arrive in pieces."""
     parts = [block for piece in np.split(words, sorted(cuts)) for block in decoder.decode(piece)]
     return [
         (int(x), int(y), int(t) // 1000, int(p))
@@ -77,7 +77,7 @@ CODES = st.sampled_from([0x0, 0x2, 0x2, 0x3, 0x4, 0x5, 0x6, 0x7, 0xA, 0xE, 0xF])
 def test_evt3_is_the_plain_decoder(
     words: list[int], steps: list[int], start: int, seed: int, cuts: list[int]
 ) -> None:
-    """Any words, with a clock that goes on and wraps, in any pieces."""
+    """Words are arbitrary, with a clock that advances and wraps, and arrive in any pieces."""
     places = np.sort(np.random.default_rng(seed).integers(0, len(words) + 1, len(steps)))
     highs = (start + np.cumsum(steps, dtype=int)) & 0xFFF
     for place, high in zip(places[::-1], highs[::-1], strict=True):
@@ -88,7 +88,7 @@ def test_evt3_is_the_plain_decoder(
 
 
 def in_rows(block: EventBlock) -> EventBlock:
-    """Runs of neighbours of one time, row and polarity, twice the same column in them."""
+    """Return runs of neighbours of one time, row and polarity, each column twice."""
     rows = np.arange(len(block)) // 40 * 40
     x = np.arange(len(block), dtype=np.uint16) // 2 % 60
     return EventBlock(x, block.y[rows], block.t_ns[rows], block.polarity[rows])
@@ -162,7 +162,7 @@ def test_evt21_is_the_plain_decoder(words: np.ndarray, cut: int, legacy: bool) -
 @pytest.mark.parametrize("legacy", [False, True])
 @pytest.mark.parametrize("stated", [False, True])
 def test_pair_of_evt21_files(tmp_path: Path, calibration: Path, legacy: bool, stated: bool) -> None:
-    """Either half of the words first, whether the header tells it or not."""
+    """Either half of the words may be first, whether the header states it or not."""
     blocks = event_block(900, 4, start_ns=10**9), in_rows(event_block(800, 5, start_ns=10**9))
     form = f"format EVT21;height=1;endianness={'legacy' if legacy else 'little'};width=1"
     for side, block in zip(("left", "right"), blocks, strict=True):
@@ -200,7 +200,7 @@ def test_pair_of_raw_files(tmp_path: Path, calibration: Path, encode: object) ->
 
 
 def test_raw_files_on_both_sides_of_a_wrap(tmp_path: Path, calibration: Path) -> None:
-    """The right camera's file begins behind the wrap that the left one's has in it."""
+    """The right camera's file begins after the wrap that the left one's contains."""
     left = event_block(800, 6, start_ns=WRAP_NS - 100_000_000)
     right = event_block(300, 7, start_ns=20_000_000, seconds=0.3)
     raw_file(tmp_path / "left.raw", evt3_words(left))
@@ -211,7 +211,7 @@ def test_raw_files_on_both_sides_of_a_wrap(tmp_path: Path, calibration: Path) ->
 
 
 def test_real_stereo_evt3(shared: Path) -> None:
-    """Hardware-synchronised cameras: the same time within 10 ms at both ends."""
+    """Hardware-synchronised cameras start and end within 10 ms of each other."""
     folder = shared / "real/reader_samples"
     left, right = (
         read_stream(RawStream(folder / f"stereo_evt3_{side}.raw")) for side in ("left", "right")

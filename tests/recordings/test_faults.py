@@ -1,4 +1,4 @@
-"""Every fault of a recording is one InputError, one line, that names the file and the field."""
+"""Every fault of a recording is one InputError of one line that names the file and the field."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ GOOD = event_rows(300, 1)
 
 
 def fault(path: Path, calibration: Path | None) -> str:
-    """Message of the error that opening or reading raises."""
+    """Return the message of the error that opening or reading raises."""
     with pytest.raises(InputError) as caught:
         for _batch in open_recording(path, calibration).event_batches():
             pass
@@ -101,7 +101,7 @@ def test_times_that_go_backwards(
 def test_last_time_before_others(
     tmp_path: Path, calibration: Path, block: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nothing is lost silently where the stream would seem to end early."""
+    """No events are lost silently if the stream seems to end early."""
     monkeypatch.setattr("gpvo.recordings.files.mvsec.BLOCK_ROWS", block)
     rows = changed(299, 2, GOOD[100, 2])
     message = fault(write_mvsec(tmp_path / "a.hdf5", rows, rows), calibration)

@@ -1,4 +1,4 @@
-"""Ground truths of every dataset, as the motion of the rectified left event camera."""
+"""Ground truths of every dataset give the motion of the rectified left event camera."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ T_WORLD_LEFT = np.stack([turned(3.0 * i, 0.02 * i, -0.01 * i, 0.3) for i in rang
 
 
 def rows(T_world_body: np.ndarray) -> np.ndarray:
-    """(N, 7) positions and quaternions."""
+    """Return positions and quaternions (N, 7)."""
     quaternions = Rotation.from_matrix(T_world_body[:, :3, :3]).as_quat()
     return np.hstack([T_world_body[:, :3, 3], quaternions])
 
@@ -41,7 +41,7 @@ def assert_left_camera(poses: StampedPoses, atol: float = 1e-6) -> None:
 
 
 def pose_bag(path: Path, topics: dict[str, np.ndarray]) -> Path:
-    """PoseStamped of every topic."""
+    """Write a bag with PoseStamped messages on every topic."""
     store = types(True)
     names = ("PoseStamped", "Pose", "Point", "Quaternion")
     stamped, pose, point, quaternion = (store.types[f"geometry_msgs/msg/{n}"] for n in names)
@@ -60,7 +60,7 @@ def rig(write_camchain) -> StereoRig:  # type: ignore[no-untyped-def]
 
 
 def test_mvsec_bag(tmp_path: Path, rig: StereoRig) -> None:
-    """Several topics, of which the left camera's is meant, and that of the raw camera."""
+    """Of several topics, the pose of the raw left camera is read."""
     T_world_raw = T_WORLD_LEFT @ np.linalg.inv(rectified(rig))
     other = np.broadcast_to(np.eye(4), T_world_raw.shape)
     topics = {
@@ -90,7 +90,7 @@ def test_dsec_lidar(tmp_path: Path, rig: StereoRig) -> None:
     T_world_lidar = T_WORLD_LEFT @ np.linalg.inv(T_lidar_left)
     path = pose_bag(tmp_path / "pose.bag", {"/pose": T_world_lidar})
     assert_left_camera(load_poses(path))
-    # DSEC's sequences lie beside each other, and the poses of all of one drive apart.
+    # DSEC's sequences lie beside each other; a drive's poses for all of them have another folder.
     (tmp_path / "zurich_city_04_a").mkdir()
     (tmp_path / "calibration").rename(tmp_path / "zurich_city_04_a/calibration")
     events = tmp_path / "zurich_city_04_a/events/left/events.h5"

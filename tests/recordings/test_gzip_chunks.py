@@ -1,4 +1,4 @@
-"""Columns unpacked by zlib-ng against h5py, and what is left to h5py."""
+"""Columns unpacked by zlib-ng equal those of h5py, which reads all other packings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`gpvo info` and `gpvo convert`: what they tell and write, and one line for bad input."""
+"""`gpvo info` and `gpvo convert`: what they print and write, and one line for bad input."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LEFT, RIGHT = event_block(900, 1, seconds=0.3), event_block(800, 2, seconds=0.3)
 
 
 def invoke(*arguments: object) -> str:
-    """Standard output of a command; InputError passes through."""
+    """Return the standard output of a command; InputError passes through."""
     result = CliRunner(env={"COLUMNS": "200"}).invoke(app, [str(one) for one in arguments])
     if isinstance(result.exception, InputError):
         raise result.exception
@@ -94,7 +94,7 @@ def test_convert(tmp_path: Path, calibration: Path, to: str | None, name: str) -
 
 
 def bursts(seed: int) -> np.ndarray:
-    """Rates of a moving scene, a second of milliseconds."""
+    """Return event rates of a moving scene, (1500,), one per millisecond."""
     rng = np.random.default_rng(seed)
     return 30 + 20 * np.sin(np.cumsum(rng.normal(0, 0.3, 1500)))
 

@@ -1,4 +1,4 @@
-"""The rig of a camchain: geometry against formulas of our own, and every fault of the file."""
+"""The rig of a camchain: geometry against independent formulas, and every fault of the file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Write = Callable[[Any], Path]
 
 
 def distort(camera: Camera, rays: np.ndarray) -> np.ndarray:
-    """Raw pixels (N, 2) of rays (N, 3) in the raw camera frame, after Kannala and Brandt."""
+    """Return raw pixels (N, 2) of rays (N, 3) in the raw camera frame, by Kannala and Brandt."""
     x, y = rays[:, 0] / rays[:, 2], rays[:, 1] / rays[:, 2]
     r, d = np.hypot(x, y), camera.distortion
     if camera.distortion_model == "equidistant":
@@ -37,7 +37,7 @@ def distort(camera: Camera, rays: np.ndarray) -> np.ndarray:
 
 
 def rays_of(rectified: np.ndarray, rig: StereoRig, camera: Camera) -> np.ndarray:
-    """Rays (N, 3) in the raw camera frame of rectified pixels (N, 2)."""
+    """Return rays (N, 3) in the raw camera frame of rectified pixels (N, 2)."""
     points = (rectified - rig.principal_point) / rig.focal_length
     return np.column_stack([points, np.ones(len(points))]) @ camera.R_rect
 
@@ -58,7 +58,7 @@ def rig(request: pytest.FixtureRequest, write_camchain: Write) -> StereoRig:
 
 
 def test_tables_undo_the_distortion(rig: StereoRig) -> None:
-    """Projecting the ray of a table's entry through the lens gives the raw pixel back."""
+    """Projecting the ray of a table's entry through the lens gives back the raw pixel."""
     for camera, table in zip((rig.left, rig.right), rig.tables, strict=True):
         rows, columns = np.mgrid[0 : camera.resolution[1], 0 : camera.resolution[0]]
         raw = np.column_stack([columns.ravel(), rows.ravel()])
@@ -67,7 +67,7 @@ def test_tables_undo_the_distortion(rig: StereoRig) -> None:
 
 
 def test_a_point_lies_on_one_rectified_row(rig: StereoRig) -> None:
-    """Disparity is f b / Z and rows agree, through both raw images."""
+    """Points projected to both raw images have disparity f b / Z and equal rectified rows."""
     content = camchain()
     T_right_left = np.array(content["cam1"]["T_cn_cnm1"])
     points = np.random.default_rng(0).uniform([-0.5, -0.3, 1.0], [0.5, 0.3, 4.0], (50, 3))
@@ -134,7 +134,7 @@ def rectified(camera: str, field: str, value: object) -> dict[str, Any]:
 
 
 def beside(x: float, y: float) -> list[list[float]]:
-    """T_cn_cnm1 of parallel cameras."""
+    """Return T_cn_cnm1 of parallel cameras."""
     return [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 
 

@@ -1,4 +1,4 @@
-"""What is read from MVSEC's HDF5 is what was written, however it is cut into batches."""
+"""MVSEC's HDF5 gives the events that were written, however they are cut into batches."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_times_start_at_the_first_event_of_either_camera(tmp_path: Path, calibra
 
 @pytest.mark.parametrize("length", [0.1, 70.0])
 def test_hours_without_events_are_one_batch(length: float) -> None:
-    """Batches go on in step behind them, and at the end nothing is waited for."""
+    """Regular batches continue after them, and silence at the end is one batch, too."""
     t = np.array([0.05, 0.17, 50_000.02, 50_000.31])
     events = Events(*np.zeros((2, 4), np.uint16), t, np.ones(4, bool))
     blocks = [events[:3], events[3:]]

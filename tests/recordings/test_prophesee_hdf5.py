@@ -1,4 +1,4 @@
-"""Prophesee's HDF5, packed by what h5py knows or by a plugin that is missing."""
+"""Prophesee's HDF5, packed by a filter of h5py or by a plugin that is missing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LEFT, RIGHT = event_block(900, 1), event_block(800, 2)
 
 
 def prophesee_file(path: Path, block: EventBlock, **packing: Any) -> Path:
-    """The table CD/events; `packing` is h5py's."""
+    """Write the table CD/events; `packing` is passed to h5py."""
     kinds = [("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")]
     table = np.empty(len(block), kinds)
     table["x"], table["y"], table["p"] = block.x, block.y, block.polarity

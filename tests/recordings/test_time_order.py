@@ -1,4 +1,4 @@
-"""Events in order of time: sorted where the disorder is small, dropped where it is absurd."""
+"""Events in time order: small disorder is sorted, events with absurd stamps are dropped."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_order_is_left_alone(size: int) -> None:
 
 @pytest.mark.parametrize("size", [60, 500, 5000])
 def test_small_disorder_is_sorted(size: int) -> None:
-    """Jitter of a few milliseconds, also across blocks: nothing is lost."""
+    """Jitter of a few milliseconds, also across blocks, loses no events."""
     block = event_block(2000, 2)
     jitter = np.random.default_rng(0).integers(0, 3_000_000, len(block))
     ours, faults = ordered(retimed(block, block.t_ns + jitter), size)

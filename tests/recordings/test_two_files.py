@@ -1,4 +1,4 @@
-"""One file for each camera: DSEC, TUM-VIE, VECtor, event_utils, text, AEDAT4; and M3ED's one."""
+"""One file per camera: DSEC, TUM-VIE, VECtor, event_utils, text, AEDAT4; one file: M3ED."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_layouts_on_disk(tmp_path: Path, calibration: Path, name: str) -> None:
 
 
 def test_vector_packing(tmp_path: Path, calibration: Path) -> None:
-    """Zstd without Blosc, and an offset in an array of one."""
+    """Columns are packed by Zstd without Blosc, and the offset is in an array of one."""
     for path in pair_of_files(tmp_path, NAMES["VECtor"]):
         with h5py.File(path, "a") as file:
             offset, t = file["t_offset"][()], file["events/t"][:]
@@ -130,7 +130,7 @@ def test_m3ed_carries_its_calibration(m3ed: Path) -> None:
 
 
 def test_worked_example_of_the_index(tmp_path: Path) -> None:
-    """DSEC's documentation: t and the ms_to_idx that goes with it."""
+    """The times t and their ms_to_idx are the example in DSEC's documentation."""
     t = np.array([0, 500, 2100, 5000, 5000, 7100, 7200, 7200, 8100, 9000], np.uint32)
     index = np.array([0, 2, 2, 3, 3, 3, 5, 5, 8, 9], np.uint64)
     ones = np.ones(10, np.uint16)
@@ -148,7 +148,7 @@ def test_worked_example_of_the_index(tmp_path: Path) -> None:
 def test_starting_within(
     tmp_path: Path, index: str, seconds: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The index only makes it faster; one that does not hold is not believed."""
+    """The index only makes it faster; an invalid one is not used."""
     monkeypatch.setattr(hdf5_columns, "BLOCK_ROWS", 100)
     indices = {
         "none": None,
@@ -245,7 +245,7 @@ PACKINGS: dict[int, Callable[[bytes], bytes]] = {
 
 
 def aedat4_file(path: Path, blocks: dict[str, EventBlock], packing: int = 1) -> Path:
-    """Packets of 100 events of every stream; `packing` is the number of the compression."""
+    """Write packets of 100 events of every stream; `packing` is the number of the compression."""
     fields = {"width": WIDTH, "height": HEIGHT}
     streams = [STREAM.format(number=n, name=name, **fields) for n, name in enumerate(blocks)]
     header = io_header(HEADER.format(streams="".join(streams)), packing)

@@ -1,4 +1,4 @@
-"""Frames are so close in time that image points hardly move between them."""
+"""Frames are close enough in time that image points hardly move between them."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""Motions: the twist is the derivative of the pose, and the camera stays where it may."""
+"""Motions: the twist is the derivative of the pose, and the camera stays in the clear part."""
 
 from typing import get_args
 

@@ -1,4 +1,4 @@
-"""Simulated recordings: events say how the brightness changed, and files give them back."""
+"""Simulated recordings: events add up to the change of brightness, and files give them back."""
 
 from pathlib import Path
 
@@ -78,7 +78,7 @@ def test_pixels_are_silent_in_the_refractory_period(recording: SimulatedRecordin
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_events_sum_up_to_the_change_of_log_intensity(side: str) -> None:
-    """Without spread and silence, the sum at each pixel is within one threshold of the change."""
+    """With equal thresholds and no refractory period, sums differ by less than a threshold."""
     recording = simulate(changed(threshold_sigma=0.0, refractory_period=0.0))
     events: Events = getattr(recording, side)
     summed = np.zeros((60, 80))

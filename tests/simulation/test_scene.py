@@ -35,7 +35,7 @@ def world_points(pixels: np.ndarray, depth: np.ndarray, T_world_cam: np.ndarray)
 
 
 def distance_to_nearest_face(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    """Distance of points to the surface of the nearest box, by box: inside or outside."""
+    """Return the distance of points to the nearest surface of a box, from inside or outside."""
     low, high = boxes[:, None, 0] - points, points - boxes[:, None, 1]
     outside = np.maximum(low, high)
     return np.abs(outside.max(axis=2)).min(axis=0)
@@ -82,7 +82,7 @@ def test_disparity_is_focal_length_times_baseline_over_depth(
 
 
 def test_rays_along_the_axes_meet_the_walls() -> None:
-    """Slopes of exactly 0 and -0 divide by zero inside."""
+    """Slopes of exactly 0 and -0 lead to divisions by zero."""
     room = Scene(np.array([[[-3.0, -2.0, -1.0], [4.0, 2.5, 1.5]]]), np.zeros((6, 5, 512, 512), "f"))
     for axis, sign in itertools.product(range(3), (1.0, -1.0)):
         forward, side = sign * np.eye(3)[axis], -np.eye(3)[(axis + 1) % 3]

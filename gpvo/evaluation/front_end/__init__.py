@@ -1,1 +1,1 @@
-"""The front end held against the truth, stage by stage."""
+"""Comparison of every stage of the front end with the truth."""

@@ -1,6 +1,7 @@
-"""The front end held against the truth, stage by stage: what `gpvo inspect` reports.
+"""Comparison of every stage of the front end with the truth, for `gpvo inspect`.
 
-Features, quad matches, tracklets, their image motion, disparities and times, and MC-RANSAC.
+It covers features, quad matches, tracklets with their image motion, disparities and times, and
+MC-RANSAC.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 AGREEMENT = 2.0
-"""Pixels (norm of u, v, disparity) up to which a tracklet agrees with the true motion."""
+"""Largest error norm (u, v, disparity) of a tracklet that agrees with the true motion, pixels."""
 SLOPE_AGREEMENT = 3.0
-"""The same for tracklets in the slope of measured on true flow: wider, so as not to select it."""
+"""The same for the slope of measured on true flow; wider, so that selection does not bias it."""
 SLOWEST = 20.0
-"""Pixels per second below which an error in place tells nothing of one in time."""
+"""Slowest image motion for which a position error gives a time error, pixels per second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,17 +41,18 @@ class JudgedTracklets:
     Attributes
     ----------
     earlier, later
-        Their two ends.
+        Measurements at their two ends.
     accepted
         (N,) bool, MC-RANSAC's inliers.
     error
-        (N, 3) measured minus true (u_left, v, disparity) of the later end, given the earlier one
-        (and, if known, its true depth) and the true motion, pixels. NaN where there is no truth.
+        (N, 3) measured minus true (u_left, v, disparity) of the later end, pixels. The true one
+        follows from the earlier end, its true depth if known, and the true motion. NaN without
+        truth.
     disparity_error
         (N,) measured minus true disparity of the later end, pixels.
     time_error
-        (N,) measured minus true time of the later end, given the earlier one's time: the error in
-        place along the true image motion, in seconds of that motion. NaN where that is slow.
+        (N,) measured minus true time of the later end, given the earlier one's time, seconds: minus
+        the position error along the true image motion, divided by its speed. NaN if that is slow.
     """
 
     earlier: Measurements
@@ -70,42 +72,43 @@ class JudgedTracklets:
 
     @property
     def agree(self) -> Mask:
-        """(N,) which agree with the true motion."""
+        """(N,) bool, tracklets that agree with the true motion."""
         return self.distance <= AGREEMENT
 
     @property
     def measured_flow(self) -> Array:
-        """(N, 2) motion of the left image point, pixels."""
+        """(N, 2) measured motion of the left image point, pixels."""
         return (self.later.stereo - self.earlier.stereo)[:, :2]
 
     @property
     def true_flow(self) -> Array:
-        """(N, 2) motion of the left image point by the true motion, pixels."""
+        """(N, 2) true motion of the left image point, pixels."""
         return self.measured_flow - self.error[:, :2]
 
     @property
     def duration(self) -> Array:
-        """(N,) seconds."""
+        """(N,) time between the two ends, seconds."""
         return self.later.t - self.earlier.t
 
 
 @dataclass(frozen=True, eq=False)
 class InspectedCluster:
-    """What each stage made of one cluster.
+    """Results of every stage for one cluster.
 
     Attributes
     ----------
     start, stop
         Seconds since the recording's start.
     events, features, quads
-        Events of both cameras, stereo features, and those matched with an earlier frame.
+        Numbers of events of both cameras, of stereo features, and of features that are matched with
+        an earlier frame.
     tracklets
-        Those that pass the filters.
+        Tracklets that pass the filters.
     true_twist, fast_twist, iterative_twist
-        (6,) mean body twist over the tracklets, rad/s and m/s: true, and as MC-RANSAC's two
-        versions find it. NaN where unknown or not found.
+        (6,) mean body twist over the tracklets, rotation first, rad/s and m/s: true, and estimated
+        by both versions of MC-RANSAC. NaN where unknown.
     picture
-        The left binary frame, packed.
+        Left binary frame, packed bits.
     """
 
     start: float
@@ -128,7 +131,7 @@ def inspect(
     duration: float = np.inf,
     progress: Callable[[InspectedCluster], None] | None = None,
 ) -> list[InspectedCluster]:
-    """Run the front end over a part of a recording and judge every cluster.
+    """Run the front end over a part of a recording and compare every cluster with the truth.
 
     Raises
     ------
@@ -148,7 +151,7 @@ def inspect(
 
 
 class _Inspector:
-    """The front end, and the truth that it is held against."""
+    """Front end, and the truth that it is compared with."""
 
     def __init__(self, recording: Recording, truth: Truth, configuration: Configuration) -> None:
         self._front_end = FrontEnd(recording.rig, configuration)
@@ -176,13 +179,13 @@ class _Inspector:
         )
 
     def _fast_twist(self, segments: Segments, rng: np.random.Generator) -> Array:
-        """What the fast version finds alone, by the samples that the whole drew."""
+        """Return the twist of the fast version alone, from the same samples as the whole."""
         if len(segments) < self._config.sample_size:
             return np.full(6, np.nan)
         return fast_mc_ransac(segments, self._front_end.camera, self._config, rng)
 
     def _count(self, observations: Observations) -> tuple[int, int]:
-        """Landmarks in the newest frame, and how many of them are seen elsewhere, too."""
+        """Count landmarks in the newest frame, and those of them that other frames have too."""
         newest = observations.frame == self._frame
         here = observations.landmark[newest]
         elsewhere = np.concatenate([self._known, observations.landmark[~newest]])
@@ -207,7 +210,7 @@ def judge(
     truth: Truth,
     camera: StereoCamera,
 ) -> JudgedTracklets:
-    """Errors of tracklets (N,) by the true motion and depth."""
+    """Compute the errors of tracklets (N,) from the true motion and depth."""
     known = (earlier.t >= truth.start) & (later.t <= truth.stop)
     error = np.full((len(later), 3), np.nan)
     disparity_error, time_error = (np.full(len(later), np.nan) for _ in range(2))

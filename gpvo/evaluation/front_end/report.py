@@ -28,7 +28,7 @@ FILES = ("inspection.json", "counts.png", "flow.png", "errors.png", "velocity.pn
 PICTURES, COLUMNS, MAGNIFICATION = 9, 3, 2
 FRAME = (150, 150, 150)
 RIGHT, WRONG, LOST = (60, 160, 0), (0, 0, 230), (0, 150, 255)
-"""Blue, green and red of tracklets, each with its line in the legend."""
+"""Blue, green and red of the tracklets' colours."""
 LEGEND = {
     RIGHT: "inlier that agrees with the true motion",
     WRONG: "inlier that does not",
@@ -39,7 +39,7 @@ LEGEND = {
 def write_inspection(
     folder: Path, clusters: Sequence[InspectedCluster], summary: dict[str, Numbers], width: int
 ) -> None:
-    """Write all files into an existing folder; `width` is that of the image in pixels."""
+    """Write all files into an existing folder; `width` is the image width in pixels."""
     plain = {
         stage: {name: value if isfinite(value) else None for name, value in numbers.items()}
         for stage, numbers in summary.items()
@@ -53,7 +53,7 @@ def write_inspection(
 
 
 def inspection_table(summary: dict[str, Numbers]) -> Table:
-    """For the terminal."""
+    """Format the numbers as a table for the terminal."""
     table = Table()
     for heading in ("stage", "number", "value"):
         table.add_column(heading, justify="right" if heading == "value" else "left")
@@ -76,7 +76,7 @@ def _counts_figure(clusters: Sequence[InspectedCluster]) -> Figure:
 
 
 def _flow_figure(clusters: Sequence[InspectedCluster]) -> Figure:
-    """Measured against true flow, and what is left when that is taken away."""
+    """Plot measured against true flow, and their difference."""
     tracklets = pooled([cluster.tracklets for cluster in clusters])
     near = tracklets.distance <= SLOPE_AGREEMENT
     figure = new_figure(8.0, 3.6)
@@ -95,7 +95,7 @@ def _flow_figure(clusters: Sequence[InspectedCluster]) -> Figure:
 
 
 def _errors_figure(clusters: Sequence[InspectedCluster]) -> Figure:
-    """Histograms of the inliers' errors."""
+    """Plot histograms of the inliers' errors."""
     tracklets = pooled([cluster.tracklets for cluster in clusters])
     inliers = tracklets.accepted & tracklets.agree
     figure = new_figure(9.0, 3.0)
@@ -114,7 +114,7 @@ def _errors_figure(clusters: Sequence[InspectedCluster]) -> Figure:
 
 
 def _velocity_figure(clusters: Sequence[InspectedCluster]) -> Figure:
-    """Errors of both versions of MC-RANSAC over time."""
+    """Plot the velocity errors of both versions of MC-RANSAC over time."""
     figure = new_figure(8.0, 4.2)
     angular, linear = figure.subplots(2, 1, sharex=True)
     for name, colour in zip(("fast", "iterative"), COLOURS, strict=False):
@@ -133,7 +133,7 @@ def _middles(clusters: Sequence[InspectedCluster]) -> list[float]:
 
 
 def tracklet_strip(clusters: Sequence[InspectedCluster], width: int) -> NDArray[np.uint8]:
-    """A colour image of a few clusters, evenly spread, with their tracklets drawn on them."""
+    """Draw a colour image of a few clusters, evenly spread, with their tracklets."""
     chosen = np.unique(np.linspace(0, len(clusters) - 1, PICTURES).astype(int))
     pictures = [tracklet_picture(clusters[index], width) for index in chosen]
     blank = np.full_like(pictures[0], 255)
@@ -143,7 +143,7 @@ def tracklet_strip(clusters: Sequence[InspectedCluster], width: int) -> NDArray[
 
 
 def _legend(width: int) -> NDArray[np.uint8]:
-    """What the colours mean, below each other."""
+    """Draw the legend of the colours, one per line."""
     line = 22
     legend = np.full((line * len(LEGEND), width, 3), 255, np.uint8)
     for index, (colour, text) in enumerate(LEGEND.items()):
@@ -154,7 +154,7 @@ def _legend(width: int) -> NDArray[np.uint8]:
 
 
 def tracklet_picture(cluster: InspectedCluster, width: int) -> NDArray[np.uint8]:
-    """The left binary frame in grey, and tracklets from their first point in the span."""
+    """Draw the left binary frame in grey, and tracklets from their first point in the span."""
     white = np.unpackbits(cluster.picture, axis=1, count=width)
     grey = np.kron(255 - 70 * white, np.ones((MAGNIFICATION, MAGNIFICATION), np.uint8))
     picture = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)

@@ -15,7 +15,7 @@ Numbers = dict[str, float]
 
 
 def summarize(clusters: Sequence[InspectedCluster]) -> dict[str, Numbers]:
-    """Numbers by stage and name; NaN where there is nothing to count."""
+    """Compute the numbers by stage and name; NaN where there is nothing to count."""
     tracklets = pooled([cluster.tracklets for cluster in clusters])
     return {
         "clusters": _cluster_numbers(clusters),
@@ -27,7 +27,7 @@ def summarize(clusters: Sequence[InspectedCluster]) -> dict[str, Numbers]:
 
 
 def pooled(parts: Sequence[JudgedTracklets]) -> JudgedTracklets:
-    """The tracklets of several clusters as one set."""
+    """Concatenate the tracklets of several clusters."""
     return JudgedTracklets(
         Measurements.concatenate(part.earlier for part in parts),
         Measurements.concatenate(part.later for part in parts),
@@ -61,7 +61,7 @@ def _tracklet_numbers(clusters: Sequence[InspectedCluster], pool: JudgedTracklet
 
 
 def flow_slopes(pool: JudgedTracklets) -> Numbers:
-    """Slope of measured on true flow, 1 if nothing holds tracks back or pushes them on."""
+    """Compute the slope of measured on true flow; 1 if tracks neither lag nor lead."""
     near = pool.distance <= SLOPE_AGREEMENT
     measured, true = pool.measured_flow[near], pool.true_flow[near]
     across, whole = (measured * true).sum(axis=0), (true**2).sum(axis=0)
@@ -109,7 +109,7 @@ def _ransac_numbers(clusters: Sequence[InspectedCluster], pool: JudgedTracklets)
 
 
 def velocity_errors(clusters: Sequence[InspectedCluster], version: str) -> Array:
-    """(C, 6) found minus true twist of every cluster; `version` is "fast" or "iterative"."""
+    """Return estimated minus true twists (C, 6); `version` is "fast" or "iterative"."""
     found = np.array([getattr(cluster, f"{version}_twist") for cluster in clusters])
     return found - np.array([cluster.true_twist for cluster in clusters])
 

@@ -1,4 +1,4 @@
-"""What truly happened during a recording: where the camera was and what it could see."""
+"""Ground truth of a recording: camera motion and, if known, depth."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gpvo.trajectory import StampedPoses
 Array = NDArray[np.float64]
 
 _TICK = 1e-3
-"""Seconds over which the true image motion is differenced."""
+"""Time step of the finite difference of the true image motion, seconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Truth:
     Attributes
     ----------
     start, stop
-        Seconds of the recording between which the motion is known.
+        Recording times between which the motion is known, seconds.
     pose
         T_world_cam (N, 4, 4) of the rectified left camera at times (N,), seconds.
     depth
@@ -40,39 +40,39 @@ class Truth:
     depth: Callable[[Array, Array], Array] | None = None
 
     def mean_twist(self, start: float, stop: float) -> Array:
-        """Body twist (6,), rotation first, that constantly held leads from pose to pose."""
+        """Return the constant body twist (6,), rotation first, from one pose to the other."""
         first, last = self.pose(np.array([start, stop]))
         return se3_log(se3_inverse(first) @ last) / (stop - start)
 
     def disparity(self, seen: Measurements, camera: StereoCamera) -> Array:
-        """True disparity (N,) where measurements (N,) are, pixels; the measured one if unknown."""
+        """Return the true disparity (N,) of measurements (N,), px; the measured one if unknown."""
         if self.depth is None:
             return seen.stereo[:, 2]
         return camera.fx * camera.baseline / self.depth(seen.t, seen.stereo[:, :2])
 
     def points(self, seen: Measurements, camera: StereoCamera) -> Array:
-        """World points (N, 3) that were measured."""
+        """Return the world points (N, 3) of measurements (N,), metres."""
         stereo = np.column_stack([seen.stereo[:, :2], self.disparity(seen, camera)])
         T_world_cam = self.pose(seen.t)
         local = camera.triangulate(stereo)
         return np.einsum("nij,nj->ni", T_world_cam[:, :3, :3], local) + T_world_cam[:, :3, 3]
 
     def projection(self, points: Array, t: Array, camera: StereoCamera) -> Array:
-        """Measurements (N, 3) of world points (N, 3) at times (N,); NaN behind the camera."""
+        """Return projections (N, 3) of world points (N, 3) at times (N,); NaN behind the camera."""
         T_world_cam = self.pose(t)
         local = np.einsum("nji,nj->ni", T_world_cam[:, :3, :3], points - T_world_cam[:, :3, 3])
         local[local[:, 2] <= 0] = np.nan
         return camera.project(local)
 
     def image_velocity(self, points: Array, t: Array, camera: StereoCamera) -> Array:
-        """(N, 2) pixels per second at which world points (N, 3) move at times (N,)."""
+        """Compute the image velocity (N, 2) of world points (N, 3) at times (N,), pixels/s."""
         before = np.clip(t - 0.5 * _TICK, self.start, self.stop - _TICK)
         first, last = (self.projection(points, at, camera) for at in (before, before + _TICK))
         return (last - first)[:, :2] / _TICK
 
 
 def truth_of_poses(poses: StampedPoses, start_ns: int) -> Truth:
-    """Truth of stamped poses of the rectified left camera; `start_ns` is the stamp of t = 0."""
+    """Return the truth from rectified left camera poses; `start_ns` is the stamp of t = 0."""
     start, stop = ((int(stamp) - start_ns) * 1e-9 for stamp in poses.stamps_ns[[0, -1]])
 
     def pose(t: Array) -> Array:
@@ -85,7 +85,7 @@ def truth_of_poses(poses: StampedPoses, start_ns: int) -> Truth:
 
 
 def truth_of_simulation(recording: SimulatedRecording) -> Truth:
-    """Exact motion and depth of a simulated recording."""
+    """Return the exact motion and depth of a simulated recording."""
     K = recording.rig.K_rect
 
     def depth(t: Array, pixels: Array) -> Array:

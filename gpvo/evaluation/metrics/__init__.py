@@ -1,1 +1,1 @@
-"""The errors: the paper's, evo's, KITTI's, consistency; and what makes poses comparable."""
+"""Error metrics of the paper, evo and KITTI, consistency, association and alignment."""

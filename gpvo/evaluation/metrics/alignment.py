@@ -1,4 +1,4 @@
-"""Express an estimate in the ground truth's world: by its first pose or by least squares."""
+"""Alignment of an estimate with the ground truth, by the first pose or by least squares."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Alignment:
     scale: float = 1.0
 
     def apply(self, poses: StampedPoses) -> StampedPoses:
-        """The poses in the new world; orientations turn, positions are scaled, turned and moved."""
+        """Rotate the orientations of poses; scale, rotate and translate their positions."""
         positions = self.scale * poses.positions @ self.rotation.T + self.translation
         rotations = self.rotation @ poses.rotations
         return StampedPoses(poses.stamps_ns, rigid_transforms(rotations, positions))
@@ -34,7 +34,7 @@ class Alignment:
 def find_alignment(
     estimate: StampedPoses, ground_truth: StampedPoses, method: AlignmentMethod = "se3"
 ) -> Alignment:
-    """Transform that takes the estimate's world to the ground truth's.
+    """Find the transform from the estimate's world to the ground truth's.
 
     Parameters
     ----------
@@ -42,9 +42,9 @@ def find_alignment(
         Poses with the same stamps (or associated one to one).
     method
         "se3": least squares over all positions (Umeyama 1991); "sim3": the same with scale;
-        "yaw": least squares over translation and turns about the world's z axis, for ground
-        truths whose z is vertical, after the first poses were aligned; "first": the first poses
-        coincide; "none": leave the estimate where it is.
+        "yaw": first poses aligned, then least squares over translation and rotation about the
+        world's z axis, for ground truths whose z is vertical; "first": the first poses coincide;
+        "none": leave the estimate where it is.
     """
     if method == "none":
         return Alignment(np.eye(3), np.zeros(3))
@@ -56,7 +56,7 @@ def find_alignment(
 
 
 def first_pose_alignment(estimate: StampedPoses, ground_truth: StampedPoses) -> Alignment:
-    """The first poses coincide, in position and in orientation."""
+    """Compute the alignment that makes the first poses coincide."""
     T = ground_truth.T_world_cam[0] @ se3_inverse(estimate.T_world_cam[0])
     return Alignment(T[:3, :3], T[:3, 3])
 
@@ -64,9 +64,9 @@ def first_pose_alignment(estimate: StampedPoses, ground_truth: StampedPoses) -> 
 def umeyama_alignment(
     points: NDArray[np.float64], targets: NDArray[np.float64], with_scale: bool = False
 ) -> Alignment:
-    """Least-squares similarity that takes points (N, 3) to targets (N, 3).
+    """Compute the least-squares similarity from points (N, 3) to targets (N, 3).
 
-    On a straight path the turn about the line is free; one of the equally good ones is returned.
+    On a straight path the rotation about the line is not determined; any optimum is returned.
     Source: S. Umeyama, "Least-squares estimation of transformation parameters between two point
     patterns", PAMI 1991, equations 34 to 43.
     """
@@ -76,20 +76,20 @@ def umeyama_alignment(
     scale = 1.0
     if with_scale:
         variance = np.mean(np.sum((points - centre) ** 2, axis=1))
-        # A platform at rest shows no scale.
+        # At rest the scale is not observable.
         scale = float(np.trace(rotation.T @ covariance) / variance) if variance > 0.0 else 1.0
     return Alignment(rotation, target_centre - scale * rotation @ centre, scale)
 
 
 def nearest_rotation(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation R that maximises trace(Rᵀ covariance), with covariance = Σ target pointᵀ."""
+    """Compute the rotation R that maximises trace(Rᵀ C) for the covariance C = Σ target pointᵀ."""
     U, _, Vt = np.linalg.svd(covariance)
     no_mirror = np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)])
     return U @ no_mirror @ Vt
 
 
 def yaw_alignment(estimate: StampedPoses, ground_truth: StampedPoses) -> Alignment:
-    """First poses aligned, then least squares over translation and the turn about world z."""
+    """Align the first poses, then fit translation and rotation about world z by least squares."""
     first = first_pose_alignment(estimate, ground_truth)
     points, targets = first.apply(estimate).positions, ground_truth.positions
     centre, target_centre = points.mean(axis=0), targets.mean(axis=0)

@@ -1,4 +1,4 @@
-"""Which pose belongs to which, by time, and what two trajectories have in common."""
+"""Association of poses by time, and the common time of two trajectories."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from gpvo.trajectory.stamped_poses import seconds_text
 def associate(
     estimate: StampedPoses, ground_truth: StampedPoses, max_difference: float = 0.02
 ) -> tuple[StampedPoses, StampedPoses]:
-    """Pair every pose of the shorter trajectory with the nearest in time of the longer one.
+    """Pair every pose of the shorter trajectory with the nearest pose in time of the longer one.
 
     Parameters
     ----------
     estimate, ground_truth
         Trajectories on the same clock.
     max_difference
-        Seconds that the two stamps of a pair may differ.
+        Largest difference between the two stamps of a pair, seconds.
 
     Returns
     -------
-    As many poses of the estimate as of the ground truth, taken as simultaneous: both carry the
-    shorter trajectory's stamps.
+    Associated poses of the estimate and of the ground truth, N each, both with the stamps of the
+    shorter trajectory.
 
     Raises
     ------
     InputError
-        If less than two pairs are that near.
+        If fewer than two pairs are within `max_difference`.
     """
     truth_is_shorter = len(ground_truth) <= len(estimate)
     short, long = (ground_truth, estimate) if truth_is_shorter else (estimate, ground_truth)
@@ -49,7 +49,7 @@ def associate(
 
 
 def nearest_indices(stamps: NDArray[np.int64], among: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Index into `among` (increasing) of the stamp nearest to each; the earlier one of a tie."""
+    """Return the indices of the nearest stamps in increasing `among`; of a tie the earlier one."""
     above = np.clip(np.searchsorted(among, stamps), 0, len(among) - 1)
     below = np.maximum(above - 1, 0)
     return np.where(stamps - among[below] <= among[above] - stamps, below, above)
@@ -65,14 +65,14 @@ def resample(
 
 
 def tolerance_for(ground_truth: StampedPoses) -> float:
-    """Seconds within which poses belong together: 0.02, or 0.3 intervals of a sparse truth."""
+    """Return the association tolerance, seconds: 0.02, or 0.3 intervals of a sparse truth."""
     return max(0.02, 0.3e-9 * float(np.median(np.diff(ground_truth.stamps_ns))))
 
 
 def common_part(
     stamps_ns: ArrayLike, estimate: StampedPoses, ground_truth: StampedPoses
 ) -> NDArray[np.int64]:
-    """The stamps that both cover; at least two."""
+    """Return the stamps within the common time; InputError if there are fewer than two."""
     stamps = np.asarray(stamps_ns, np.int64)
     start, stop = common_interval(estimate, ground_truth)
     inside = stamps[(stamps >= start) & (stamps <= stop)]
@@ -86,12 +86,12 @@ def common_part(
 
 
 def common_interval(estimate: StampedPoses, ground_truth: StampedPoses) -> tuple[int, int]:
-    """First and last stamp, in nanoseconds, of the time that both cover."""
+    """Return the first and last stamp of the common time, nanoseconds."""
     start = max(estimate.stamps_ns[0], ground_truth.stamps_ns[0])
     stop = min(estimate.stamps_ns[-1], ground_truth.stamps_ns[-1])
     return int(start), int(stop)
 
 
 def interval_text(poses: StampedPoses) -> str:
-    """First and last stamp in words, for error messages."""
+    """Format the first and last stamp for error messages."""
     return f"{seconds_text(poses.stamps_ns[0])} to {seconds_text(poses.stamps_ns[-1])} s"

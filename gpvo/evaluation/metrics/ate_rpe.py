@@ -32,20 +32,20 @@ class TrajectoryError:
 
     @staticmethod
     def of(T_error: NDArray[np.float64], scale: float = 1.0) -> TrajectoryError:
-        """Summary of error transforms (N, 4, 4)."""
+        """Summarise error transforms (N, 4, 4)."""
         distances = np.linalg.norm(T_error[:, :3, 3], axis=1)
         return TrajectoryError(
             Statistics.of(distances), Statistics.of(rotation_angles(T_error)), scale
         )
 
     def to_dict(self) -> dict[str, object]:
-        """Plain numbers by name."""
+        """Return plain numbers by name."""
         parts = {"translation": self.translation.to_dict(), "rotation": self.rotation.to_dict()}
         return {**parts, "scale": self.scale}
 
 
 def rotation_angles(transforms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) rotation angles, in radians, of transforms (N, 4, 4)."""
+    """Return the rotation angles (N,) of transforms (N, 4, 4), radians."""
     if len(transforms) == 0:
         return np.empty(0)
     return Rotation.from_matrix(transforms[:, :3, :3]).magnitude()
@@ -56,12 +56,12 @@ def absolute_trajectory_error(
     ground_truth: StampedPoses,
     alignment: AlignmentMethod | Alignment = "se3",
 ) -> TrajectoryError:
-    """ATE: the aligned estimate against the truth at the same stamps (or associated poses).
+    """Compute the absolute trajectory error (ATE) of the aligned estimate.
 
     Parameters
     ----------
     estimate, ground_truth
-        As many poses of one as of the other.
+        Poses with the same stamps, or associated, N each.
     alignment
         Method of `find_alignment`, or an alignment found before.
     """
@@ -80,16 +80,16 @@ def relative_pose_error(
     all_pairs: bool = True,
     pairs_from: StampedPoses | None = None,
 ) -> TrajectoryError:
-    """RPE: the estimated motion over a distance in frames, seconds or metres against the true one.
+    """Compute the relative pose error (RPE): the estimated against the true motion over a distance.
 
     Parameters
     ----------
     estimate, ground_truth
-        As many poses of one as of the other.
+        Poses with the same stamps, or associated, N each.
     delta, unit
-        The distance.
+        Distance in frames, seconds or metres along the path.
     all_pairs
-        Start a pair at every pose, overlapping, or only where the pair before ends.
+        Whether overlapping pairs start at every pose, or each pair where the previous one ends.
     pairs_from
         Trajectory whose stamps and path choose the pairs, the ground truth by default.
     """
@@ -102,12 +102,12 @@ def relative_pose_error(
 def relative_motions(
     poses: StampedPoses, first: NDArray[np.intp], last: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """(M, 4, 4) transforms T_first_last of pairs of poses."""
+    """Return the transforms T_first_last (M, 4, 4) of pairs of poses."""
     return se3_inverse(poses.T_world_cam[first]) @ poses.T_world_cam[last]
 
 
 def pose_pairs(poses: StampedPoses, delta: float, unit: DeltaUnit, all_pairs: bool) -> Pairs:
-    """Indices of the first and last pose of every pair that is `delta` apart.
+    """Return the indices of the first and last pose of every pair that is `delta` apart.
 
     Overlapping pairs may differ from `delta` by a tenth (frames: not at all); chained ones take
     the first pose that is at least `delta` away.
@@ -121,7 +121,7 @@ def pose_pairs(poses: StampedPoses, delta: float, unit: DeltaUnit, all_pairs: bo
 
 
 def pose_progress(poses: StampedPoses, unit: DeltaUnit) -> NDArray[np.float64]:
-    """(N,) how far every pose is from the first in frames, seconds or metres along the path."""
+    """Return the distance (N,) from the first pose in frames, seconds or metres along the path."""
     if unit == "frames":
         return np.arange(len(poses), dtype=np.float64)
     if unit == "seconds":
@@ -131,11 +131,11 @@ def pose_progress(poses: StampedPoses, unit: DeltaUnit) -> NDArray[np.float64]:
 
 
 def _overlapping_pairs(progress: NDArray[np.float64], delta: float, tolerance: float) -> Pairs:
-    """From every pose to the later one nearest to `delta` further, if it is near enough."""
+    """Pair every pose with the later one nearest to `delta` ahead, if within the tolerance."""
     first = np.arange(len(progress) - 1)
     wanted = progress[first] + delta
     above = np.clip(np.searchsorted(progress, wanted), first + 1, len(progress) - 1)
-    # While the platform rests several poses are equally far; the first of them counts.
+    # At rest several poses have the same progress; the first of them counts.
     below = np.searchsorted(progress, progress[np.maximum(above - 1, 0)])
     below = np.maximum(below, first + 1)
     last = np.where(wanted - progress[below] <= progress[above] - wanted, below, above)
@@ -144,9 +144,9 @@ def _overlapping_pairs(progress: NDArray[np.float64], delta: float, tolerance: f
 
 
 def _chained_pairs(progress: NDArray[np.float64], delta: float) -> Pairs:
-    """From each chosen pose to the first one at least `delta` further, which is chosen next."""
+    """Pair every chosen pose with the first one at least `delta` ahead, which is chosen next."""
     chosen = [0]
-    tolerance = 1e-9 * delta  # 0.1 s three times is not quite 0.3 s
+    tolerance = 1e-9 * delta  # 3 * 0.1 is not exactly 0.3
     while True:
         following = int(np.searchsorted(progress, progress[chosen[-1]] + delta - tolerance))
         if following >= len(progress):

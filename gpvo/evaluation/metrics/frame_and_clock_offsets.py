@@ -1,4 +1,4 @@
-"""What a fair comparison must know first: the offset of the clocks and of the body frames."""
+"""Constant offsets between the clocks and the body frames of estimate and ground truth."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from gpvo.evaluation.metrics.ate_rpe import relative_motions, rotation_angles
 from gpvo.trajectory import StampedPoses
 
 SAMPLE_NS = 5_000_000
-"""Motions are sampled every 5 ms for the time offset."""
+"""Sampling interval of motions for the time offset, nanoseconds."""
 
 LEAST_TURNING = 0.05
-"""Radians (RMS) by which a direction must turn for a lever arm along it to be seen."""
+"""Smallest RMS rotation of a direction, rad, for which a lever arm along it is observable."""
 
 
 def find_time_offset(
     estimate: StampedPoses, ground_truth: StampedPoses, max_offset: float = 0.1
 ) -> float:
-    """Seconds to add to the estimate's stamps so that it moves when the ground truth does.
+    """Find the offset between the clocks: seconds to add to the estimate's stamps.
 
-    The sizes of rotation and translation over a short time, which do not depend on the world
-    frame, are shifted for the best correlation, which does not depend on scale.
+    It maximises the correlation of the norms of rotation and translation over a short time. The
+    norms do not depend on the world frame, and their correlation does not depend on scale.
 
     Raises
     ------
     InputError
-        If they have less than a second in common, or no offset in this range fits best.
+        If they have less than a second in common, or no offset within `max_offset` fits best.
     """
     span_ns = _span(estimate, ground_truth)
     stamps, true_sizes = _motion_sizes(ground_truth, span_ns)
@@ -59,7 +59,7 @@ def find_time_offset(
 
 
 def _span(estimate: StampedPoses, ground_truth: StampedPoses) -> int:
-    """A tenth of a second, or two intervals of the sparser trajectory; even in samples."""
+    """Return 0.1 s or two intervals of the sparser trajectory, in ns; an even number of samples."""
     interval = max(np.median(np.diff(poses.stamps_ns)) for poses in (estimate, ground_truth))
     return 2 * SAMPLE_NS * round(max(100_000_000, 2 * interval) / (2 * SAMPLE_NS))
 
@@ -67,7 +67,7 @@ def _span(estimate: StampedPoses, ground_truth: StampedPoses) -> int:
 def _motion_sizes(
     poses: StampedPoses, span_ns: int
 ) -> tuple[NDArray[np.int64], tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Middle stamps, and sizes of rotation and translation, of steps of `span_ns`."""
+    """Return middle stamps, rotation angles and translation norms of steps of `span_ns`."""
     stamps = np.arange(poses.stamps_ns[0], poses.stamps_ns[-1] + 1, SAMPLE_NS)
     span = span_ns // SAMPLE_NS
     if len(stamps) <= span:
@@ -79,7 +79,7 @@ def _motion_sizes(
 
 
 def _correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """Pearson's coefficient; zero where one of them is constant."""
+    """Compute Pearson's correlation coefficient; zero if one series is constant."""
     one, other = one - one.mean(), other - other.mean()
     norm = np.linalg.norm(one) * np.linalg.norm(other)
     return float(one @ other / norm) if norm > 0.0 else 0.0
@@ -88,18 +88,18 @@ def _correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
 def find_body_offset(
     estimate: StampedPoses, ground_truth: StampedPoses, lever_arm: bool = False
 ) -> NDArray[np.float64]:
-    """Constant T_truth_estimate (4, 4) between the two bodies whose poses are compared.
+    """Find the constant transform T_truth_estimate (4, 4) between the two compared bodies.
 
-    The worlds are aligned by the positions (least squares, no scale), then the mean of the
-    remaining rotation is the bodies' offset.
+    The worlds are aligned by least squares over the positions, without scale. The mean of the
+    remaining rotations is the rotation between the bodies.
 
     Parameters
     ----------
     estimate, ground_truth
-        As many poses of one as of the other.
+        Poses with the same stamps, or associated, N each.
     lever_arm
-        Fit the translation between the bodies too, together with the alignment of the worlds and
-        in those directions that the rotation shows. Without it, the bodies share their origin.
+        Fit the translation between the bodies too, jointly with the alignment of the worlds, in
+        the directions that rotation makes observable. Otherwise the bodies share their origin.
     """
     R_truth_world = umeyama_alignment(estimate.positions, ground_truth.positions).rotation
     offset = np.eye(4)
@@ -113,7 +113,7 @@ def find_body_offset(
 def _lever_arm(
     estimate: StampedPoses, ground_truth: StampedPoses, R_truth_world: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """World rotation R and place p with least spread of R x_k - (y_k + R_k p) over all poses k."""
+    """Find world rotation R and lever arm p with the least spread of R x_k - (y_k + R_k p)."""
     turning = ground_truth.rotations - ground_truth.rotations.mean(axis=0)
     weights, directions = np.linalg.eigh(np.mean(np.swapaxes(turning, 1, 2) @ turning, axis=0))
     shown = directions[:, weights > LEAST_TURNING**2]

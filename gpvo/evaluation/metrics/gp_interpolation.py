@@ -1,7 +1,7 @@
-"""Interpolate poses by the white-noise-on-acceleration (WNOA) Gaussian process.
+"""Interpolation of poses by the white-noise-on-acceleration (WNOA) Gaussian process.
 
-Linear interpolation cuts the corners of a sparse ground truth; the process passes through the same
-poses smoothly, along a line as the natural cubic spline.
+Linear interpolation cuts the corners of a sparse ground truth. The process passes through the same
+poses smoothly; along a straight line it is the natural cubic spline.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from gpvo.trajectory import StampedPoses
 
 
 def interpolate_by_gp(poses: StampedPoses, stamps_ns: ArrayLike) -> StampedPoses:
-    """Poses at the given increasing stamps, the most probable ones under the WNOA prior.
+    """Interpolate at increasing stamps: the most probable poses under the WNOA prior.
 
     Raises
     ------
@@ -36,11 +36,11 @@ def interpolate_by_gp(poses: StampedPoses, stamps_ns: ArrayLike) -> StampedPoses
 
 
 def most_probable_velocities(poses: StampedPoses) -> NDArray[np.float64]:
-    """(N, 6) body twists, rotation first, that minimise the WNOA prior's cost for exact poses.
+    """Compute the body twists (N, 6), rotation first, that minimise the WNOA cost of exact poses.
 
-    With x_k and y_k the local velocity at the start and end of step k, of length h and twist xi,
-    the cost is 4/h (|x|^2 + x.y + |y|^2) - 12/h^2 xi.(x + y): linear normal equations, block
-    tridiagonal, that couple neighbouring poses.
+    For a step of length h and twist xi, with local velocities x and y at its start and end, the
+    cost is 4/h (|x|^2 + x.y + |y|^2) - 12/h^2 xi.(x + y) plus a constant. The normal equations are
+    linear and block tridiagonal, since a step couples neighbouring poses only.
     """
     twists = se3_log(steps(poses.T_world_cam))
     to_local = se3_right_jacobian_inverse(twists)
@@ -56,7 +56,7 @@ def most_probable_velocities(poses: StampedPoses) -> NDArray[np.float64]:
 
 
 def _upper_bands(diagonal: NDArray[np.float64], above: NDArray[np.float64]) -> NDArray[np.float64]:
-    """LAPACK's banded storage of a symmetric matrix with 6 x 6 blocks on and above its diagonal."""
+    """Store a symmetric block tridiagonal matrix, 6 x 6 blocks, in LAPACK's banded form."""
     bands = np.zeros((12, 6 * len(diagonal)))
     for row in range(6):
         for column in range(6):

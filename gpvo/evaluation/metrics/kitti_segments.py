@@ -17,10 +17,10 @@ from gpvo.evaluation.metrics.ate_rpe import pose_progress, relative_motions, rot
 from gpvo.trajectory import StampedPoses
 
 KITTI_LENGTHS = tuple(range(100, 900, 100))
-"""Metres, for cars."""
+"""Segment lengths for cars, metres."""
 
 PATH_PARTS = (0.1, 0.2, 0.3, 0.4, 0.5)
-"""Segment lengths as parts of the path where it is too short for KITTI's lengths."""
+"""Segment lengths as fractions of a path that is too short for KITTI's lengths."""
 
 
 @dataclass(frozen=True)
@@ -39,16 +39,17 @@ def segment_errors(
     lengths: Sequence[float] | None = None,
     start_every: int = 10,
 ) -> list[SegmentError]:
-    """Mean drift over segments of the ground truth's path.
+    """Compute the mean drift over segments of the ground truth's path.
 
     Parameters
     ----------
     estimate, ground_truth
-        As many poses of one as of the other.
+        Poses with the same stamps, or associated, N each.
     lengths
-        Metres; by default KITTI's where the path is longer than 800 m, or else tenths of the path.
+        Segment lengths, metres; by default KITTI's for paths longer than 800 m, or else tenths of
+        the path.
     start_every
-        A segment starts at every so many poses; ten in KITTI.
+        Number of poses from the start of one segment to the next; 10 in KITTI.
 
     Returns
     -------
@@ -69,7 +70,7 @@ def segment_errors(
 def _segments(
     progress: NDArray[np.float64], length: float, start_every: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First pose of every segment and the first one that is more than `length` further."""
+    """Return the first pose of every segment and the first one more than `length` ahead."""
     first = np.arange(0, len(progress), start_every)
     last = np.searchsorted(progress, progress[first] + length, side="right")
     inside = last < len(progress)

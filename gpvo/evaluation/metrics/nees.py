@@ -1,6 +1,7 @@
-"""Whether covariances tell the truth: the normalized estimation error squared (NEES).
+"""Consistency of covariances: the normalized estimation error squared (NEES).
 
-Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 5.4.
+Source: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation",
+section 5.4.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def nees(trajectory: Trajectory, truth: States, t: Array) -> tuple[Array, Array]:
-    """NEES (N,) of the pose and (N,) of the velocity at times t (N,); 6 on average if honest.
+    """Compute the NEES (N,) of pose and velocity at times t (N,); 6 on average if consistent.
 
     The true motion is taken relative to its pose at the trajectory's start.
     """
@@ -29,12 +30,12 @@ def nees(trajectory: Trajectory, truth: States, t: Array) -> tuple[Array, Array]
 
 
 def mean_nees_interval(runs: int, probability: float = 0.95, dimension: int = 6) -> Array:
-    """(2,) interval that the mean NEES of independent runs lies in with a probability."""
+    """Return the interval (2,) that holds the mean NEES of independent runs with `probability`."""
     tail = (1 - probability) / 2
     bounds = chi2.ppf([tail, 1 - tail], runs * dimension) / runs
     return np.asarray(bounds, np.float64)
 
 
 def _squared(error: Array, covariance: Array) -> Array:
-    """(N,) squared Mahalanobis norms of errors (N, 6)."""
+    """Compute the squared Mahalanobis norms (N,) of errors (N, 6)."""
     return np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])

@@ -5,7 +5,7 @@ T_{n,m} = T_world_n⁻¹ T_world_m, for estimate and ground truth alike. One equ
 
     err(t_m, t_n) = ln(T_{m_gt,m} T_{n,m} T_{m_gt,m}⁻¹ T_{n_gt,m_gt}⁻¹)
 
-with T_{m_gt,m}, the estimated frame m seen from the true one. Twists are rotation first.
+where T_{m_gt,m} is the estimated frame m seen from the true one. Twists are rotation first.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FrameTransform = Literal["step", "first pose"]
 def err(
     T_n_m: NDArray[np.float64], T_n_m_gt: NDArray[np.float64], T_gt_est: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The paper's err(t_m, t_n) as twists (N, 6), rotation first.
+    """Compute the paper's err(t_m, t_n) as twists (N, 6), rotation first.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def err(
 
 
 def global_error(estimate: StampedPoses, ground_truth: StampedPoses) -> PoseErrors:
-    """GE(t_k) = err(t_k, t_1), the error since the first pose, where both are aligned.
+    """Compute the global error GE(t_k) = err(t_k, t_1) since the aligned first pose.
 
     Both must have the same stamps. With the worlds aligned at the first pose, T_{k_gt,k} is the
     whole error at t_k and the equation reduces to its logarithm.
@@ -55,16 +55,16 @@ def global_error(estimate: StampedPoses, ground_truth: StampedPoses) -> PoseErro
 def relative_error(
     estimate: StampedPoses, ground_truth: StampedPoses, aligned_at: FrameTransform = "step"
 ) -> PoseErrors:
-    """RE(t_k) = err(t_k, t_{k-1}), the error of each step; one entry fewer than poses.
+    """Compute the relative error RE(t_k) = err(t_k, t_{k-1}) of each of the N - 1 steps.
 
     Parameters
     ----------
     estimate, ground_truth
         Poses with the same stamps.
     aligned_at
-        What T_{k_gt,k} is: with "step" every step starts with estimate and truth aligned, so
-        that T_{k_gt,k} = 1 and only the step's own error counts; with "first pose" it is the
-        error accumulated until t_k, which adds that drift's lever arm times the step's rotation.
+        Choice of T_{k_gt,k}. With "step" every step starts with estimate and truth aligned:
+        T_{k_gt,k} = 1, and only the step's own error counts. With "first pose" it is the error
+        accumulated until t_k, which adds the drift's lever arm times the step's rotation.
     """
     T_1_k, T_1_k_gt = from_first_pose(estimate), from_first_pose(ground_truth)
     if aligned_at == "step":
@@ -76,17 +76,17 @@ def relative_error(
 
 
 def from_first_pose(poses: StampedPoses) -> NDArray[np.float64]:
-    """(N, 4, 4) transforms T_{1,k} from camera k to the first camera."""
+    """Return the transforms T_{1,k} (N, 4, 4) from camera k to the first camera."""
     return se3_inverse(poses.T_world_cam[:1]) @ poses.T_world_cam
 
 
 def steps(T_world_cam: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N-1, 4, 4) transforms T_{k-1,k} between consecutive poses."""
+    """Return the transforms T_{k-1,k} (N - 1, 4, 4) between consecutive poses."""
     return se3_inverse(T_world_cam[:-1]) @ T_world_cam[1:]
 
 
 def motion_integrals(poses: StampedPoses) -> dict[Component, float]:
-    """Integrated norms of the motion: path length (m), turning (rad) and SE(3) norm."""
+    """Compute the integrated norms of the motion: path length (m), rotation (rad), SE(3) norm."""
     path_length = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1).sum()
     twists = se3_log(steps(poses.T_world_cam))
     return {
@@ -107,13 +107,13 @@ class PaperStatistics:
     std: float
 
     def to_dict(self) -> dict[str, float]:
-        """Plain numbers by name."""
+        """Return plain numbers by name."""
         return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
 class PoseErrors:
-    """A series of errors, and the ground truth's motion that they are a percentage of.
+    """A series of errors, and the true motion that percentages refer to.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class PoseErrors:
 
     @cached_property
     def norms(self) -> dict[Component, NDArray[np.float64]]:
-        """(N,) size of the error for each component."""
+        """(N,) norms of the error for each component."""
         return {
             "translation": np.linalg.norm(self.twists[:, 3:], axis=1),
             "rotation": np.linalg.norm(self.twists[:, :3], axis=1),
@@ -136,7 +136,7 @@ class PoseErrors:
         }
 
     def statistics(self, component: Component) -> PaperStatistics:
-        """Maximum, RMS, standard deviation, and percentages (nan for a ground truth at rest)."""
+        """Compute maximum, RMS, standard deviation and percentages (NaN for a truth at rest)."""
         norms, motion = self.norms[component], self.motion[component]
         percent = 100.0 / motion if motion > 0.0 else np.nan
         return PaperStatistics(
@@ -148,5 +148,5 @@ class PoseErrors:
         )
 
     def to_dict(self) -> dict[str, dict[str, float]]:
-        """Statistics of every component as plain numbers."""
+        """Return the statistics of every component as plain numbers."""
         return {component: self.statistics(component).to_dict() for component in COMPONENTS}

@@ -1,4 +1,4 @@
-"""The summary numbers that evo prints for a series of errors."""
+"""Summary statistics of a series of errors, those that evo prints."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Statistics:
 
     @staticmethod
     def of(errors: NDArray[np.float64]) -> Statistics:
-        """Summary of errors (N,); all nan when there is none."""
+        """Summarise errors (N,); all numbers are NaN if there are none."""
         if len(errors) == 0:
             nan = float("nan")
             return Statistics(nan, nan, nan, nan, nan, nan, count=0)
@@ -37,5 +37,5 @@ class Statistics:
         )
 
     def to_dict(self) -> dict[str, float]:
-        """Plain numbers by name."""
+        """Return plain numbers by name."""
         return asdict(self)

@@ -1,1 +1,1 @@
-"""Poses of estimates and ground truths: where they are found and how they are read."""
+"""Search for the files of estimates and ground truths, and reading of their poses."""

@@ -1,7 +1,7 @@
-"""Ground truths of other bodies than the camera: how they carry the left event camera.
+"""Transforms from the bodies of ground truths to the left event camera.
 
-DSEC's poses are the lidar's, TUM-VIE's and VECtor's those of a motion-capture body. The chain to
-the camera stands in calibration files, which are looked for beside the recording and the poses.
+DSEC's poses are those of the lidar, TUM-VIE's and VECtor's those of a motion-capture body. Their
+extrinsics are in calibration files, which are searched beside the recording and the poses.
 """
 
 from __future__ import annotations
@@ -29,21 +29,22 @@ FOLDERS_ABOVE = 2
 def body_to_left(
     poses: Path, rig: StereoRig | None, beside: Sequence[Path] = ()
 ) -> Transform | None:
-    """T_body_left (4, 4) of the rectified left camera, or None without calibration files.
+    """Find T_body_left (4, 4) of the rectified left camera; None without calibration files.
 
     Parameters
     ----------
     poses
-        File of the ground truth, known by its name: estimates may lie beside it, too.
+        File of the ground truth. Its name identifies the data set, since estimates may be in the
+        same folder.
     rig
-        For its rectification; DSEC's is in its own files.
+        Cameras with the rectification; not needed for DSEC, whose own files have it.
     beside
-        Where to look before the folder of the poses: a calibration file, the recording.
+        Paths to search before the folder of the poses: a calibration file, the recording.
 
     Raises
     ------
     InputError
-        If calibration files are there but cannot be used.
+        If calibration files are found that cannot be used.
     """
     places = [*beside, poses]
     if poses.name == "pose.bag" and (files := _find(places, DSEC)):
@@ -64,14 +65,14 @@ def body_to_left(
 
 
 def raw_to_rectified(rig: StereoRig) -> Transform:
-    """T_raw_rect (4, 4) of the left camera."""
+    """Return T_raw_rect (4, 4) of the left camera."""
     T_raw_rect = np.eye(4)
     T_raw_rect[:3, :3] = rig.left.R_rect.T
     return T_raw_rect
 
 
 def _vector_body_to_raw(joint: Fields, mocap: Fields) -> Transform:
-    """VECtor: cam0 is the left frame camera, cam2 the left event camera."""
+    """Compute T_body_raw of VECtor; cam0 is the left frame camera, cam2 the left event camera."""
     T_cam0_left = joint.mapping("cam2").transform("T_cam0_cam2")
     return np.linalg.inv(mocap.mapping("cam0").transform("T_cam_body")) @ T_cam0_left
 
@@ -82,7 +83,7 @@ def _load(files: list[Path]) -> tuple[Fields, Fields]:
 
 
 def _find(places: list[Path], patterns: tuple[str, ...]) -> list[Path]:
-    """One file for each pattern, in the nearest folder that has them; empty if none has."""
+    """Find one file for each pattern, in the nearest folder that has them; empty if none has."""
     for place in places:
         folder = place.absolute() if place.is_dir() else place.absolute().parent
         for near in (folder, *folder.parents[:FOLDERS_ABOVE]):
@@ -92,7 +93,7 @@ def _find(places: list[Path], patterns: tuple[str, ...]) -> list[Path]:
 
 
 def _in_folder(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
-    """The same in a folder or one of its folders of calibrations."""
+    """Find one file for each pattern in a folder or its calibration folders; empty if not all."""
     found: list[list[Path]] = [[] for _ in patterns]
     for where in (folder, *sorted(folder.glob("*calibration"))):
         for files, pattern in zip(found, patterns, strict=True):

@@ -1,4 +1,4 @@
-"""A continuous trajectory among stamped poses: asked at any time instead of interpolated."""
+"""Stamped poses of a continuous trajectory, evaluated at any time instead of interpolated."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from gpvo.trajectory import StampedPoses, Trajectory
 
 @dataclass(frozen=True, eq=False)
 class ContinuousPoses(StampedPoses):
-    """Poses at the states of a trajectory, which gives the exact ones at any other time."""
+    """Poses at the states of a trajectory, which gives the exact poses at other times."""
 
     trajectory: Trajectory
 
     @staticmethod
     def of(trajectory: Trajectory) -> ContinuousPoses:
-        """The poses at a trajectory's states."""
+        """Return the poses at a trajectory's states."""
         poses = trajectory.stamped_poses()
         return ContinuousPoses(poses.stamps_ns, poses.T_world_cam, trajectory)
 
     def interpolate(self, stamps_ns: ArrayLike) -> StampedPoses:
-        """Poses at the given increasing stamps, of the trajectory's own Gaussian process.
+        """Return the poses of the trajectory's own Gaussian process at increasing stamps.
 
         Raises
         ------
@@ -34,6 +34,6 @@ class ContinuousPoses(StampedPoses):
         self.require_cover(query)
         trajectory = self.trajectory
         seconds = (query - trajectory.start_ns) * 1e-9
-        # Stamps are whole nanoseconds, so that the ends may lie just outside.
+        # Stamps are rounded to nanoseconds, so the first and last may lie just outside.
         inside = np.clip(seconds, trajectory.start, trajectory.stop)
         return StampedPoses(query, trajectory.pose(inside))

@@ -1,4 +1,4 @@
-"""Find estimates and their ground truth in files and folders."""
+"""Search for estimates and their ground truth in files and folders."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gpvo.recordings import read_calibration
 from gpvo.trajectory import StampedPoses
 
 GROUND_TRUTH_NAMES = ("ground_truth.tum", "stamped_groundtruth.txt")
-"""What `gpvo run` and rpg_trajectory_evaluation call the ground truth in a folder."""
+"""Names of the ground truth in folders of `gpvo run` and rpg_trajectory_evaluation."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Source:
     ground_truth: Path
 
     def load(self, calibration: Path | None = None) -> tuple[StampedPoses, StampedPoses]:
-        """Poses of the estimate and of the ground truth."""
+        """Read the poses of the estimate and of the ground truth."""
         rig = read_calibration(calibration) if calibration else None
         beside = [calibration] if calibration else []
         truth = load_poses(self.ground_truth, rig, beside)
@@ -33,7 +33,7 @@ class Source:
 
 @dataclass(frozen=True)
 class SequenceSources:
-    """What is to be compared on one sequence; the first estimate is the one of interest."""
+    """Estimates to compare on one sequence, the estimate of interest first."""
 
     name: str
     estimates: list[Source] = field(default_factory=list)
@@ -42,7 +42,7 @@ class SequenceSources:
 def find_sources(
     path: Path, ground_truth: Path | None = None, against: Mapping[str, Path] | None = None
 ) -> list[SequenceSources]:
-    """Estimates to evaluate, by sequence.
+    """Find the estimates to evaluate, by sequence.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def find_sources(
         one sequence (stamped_groundtruth.txt and any number of estimates), or a folder of
         such folders.
     ground_truth
-        File of poses. Without it the ground truth stands beside the estimate: as
-        NAME_groundtruth.txt for the estimate NAME.txt, or under one of GROUND_TRUTH_NAMES.
+        File of poses. Without it the ground truth is searched beside the estimate: as
+        NAME_groundtruth.txt for the estimate NAME.txt, or as one of GROUND_TRUTH_NAMES.
     against
         Competitors by name, compared with the same ground truth.
 
@@ -90,7 +90,7 @@ def _is_sequence(folder: Path) -> bool:
 
 
 def _estimates_in(folder: Path) -> list[Path]:
-    """Text trajectories of a sequence's folder that are not ground truth, best known first."""
+    """Return the text trajectories of a sequence's folder that are not ground truth, by name."""
     if _ground_truth_in(folder) is None:
         return []
     files = [*folder.glob("*.txt"), *folder.glob("*.tum")]

@@ -19,25 +19,25 @@ from gpvo.trajectory import StampedPoses, Trajectory
 from gpvo.trajectory.tum import parse_tum
 
 KITTI_FRAME_NS = 100_000_000
-"""KITTI's cameras run at 10 Hz; used where no times.txt stands beside the poses."""
+"""Frame interval of KITTI's cameras (10 Hz), used if the poses have no times.txt beside them."""
 
 MVSEC_TOPIC = "/davis/left/pose"
-"""Of the several that MVSEC's ground truth bags hold."""
+"""The pose topic to read from MVSEC's ground truth bags, which hold several."""
 
 LARGEST_STEP = 100.0
-"""Seconds between poses; larger steps are microseconds."""
+"""Largest plausible step between poses, seconds; larger steps are microseconds."""
 
 LONGEST_HEADING = 2
-"""Lines."""
+"""Largest number of heading lines."""
 
 TRAJECTORY_NAMES = ("trajectory.npz", "trajectory.tum", "stamped_traj_estimate.txt")
-"""What `gpvo run` and rpg_trajectory_evaluation call the estimate in a folder, best first."""
+"""Names of the estimate in folders of `gpvo run` and rpg_trajectory_evaluation, best first."""
 
 
 def load_poses(
     path: Path | str, rig: StereoRig | None = None, beside: Sequence[Path] = ()
 ) -> StampedPoses:
-    """Read poses; the format is found from what the file holds.
+    """Read poses in the format that the file's contents show.
 
     Parameters
     ----------
@@ -49,15 +49,15 @@ def load_poses(
         Calibration; needed for MVSEC, whose poses are those of the raw left camera, and for
         TUM-VIE and VECtor, whose poses are those of a body.
     beside
-        Calibration file, recording: where the files that tell the chain from a body to the camera
-        are looked for before the folder of the poses.
+        Paths to search before the folder of the poses for the extrinsics between a body and the
+        camera: a calibration file, the recording.
 
     Returns
     -------
     StampedPoses
-        T_world_cam as the file holds it; for MVSEC, of the rectified left camera, and so for
-        DSEC, TUM-VIE and VECtor where the calibration files that tell the chain are found. A
-        continuous trajectory gives `ContinuousPoses`.
+        T_world_cam as in the file. For MVSEC, and for DSEC, TUM-VIE and VECtor if their extrinsics
+        are found, it is that of the rectified left camera. A continuous trajectory gives
+        `ContinuousPoses`.
 
     Raises
     ------
@@ -79,20 +79,20 @@ def load_poses(
 
 
 def _topics(file: Path) -> Collection[str]:
-    """Topics of a ROS 1 bag; none of other files."""
+    """Return the topics of a ROS 1 bag; none for other files."""
     return RosBag1(file).topics if is_rosbag1(file) else ()
 
 
 def _of_left_camera(
     poses: StampedPoses, file: Path, rig: StereoRig | None, beside: Sequence[Path]
 ) -> StampedPoses:
-    """Poses of the left camera, given those of the body that a dataset tracks."""
+    """Return poses of the left camera, given those of the body that a data set tracks."""
     T_body_left = body_to_left(file, rig, beside)
     return poses if T_body_left is None else poses.seen_from(T_body_left)
 
 
 def _rectified(poses: StampedPoses, rig: StereoRig | None, path: Path) -> StampedPoses:
-    """Poses of the rectified left camera, given those of the raw one."""
+    """Return poses of the rectified left camera, given those of the raw one."""
     if rig is None:
         raise InputError(
             f"{path}: holds poses of the raw left camera; give the calibration (--calibration)"
@@ -102,7 +102,7 @@ def _rectified(poses: StampedPoses, rig: StereoRig | None, path: Path) -> Stampe
 
 
 def split_topic(path: Path) -> tuple[Path, str | None]:
-    """File and topic of "FILE:/topic"; InputError if there is no such file."""
+    """Split "FILE:/topic" into file and topic; InputError if there is no such file."""
     if path.exists():
         return path, None
     name, separator, topic = str(path).rpartition(":/")
@@ -112,7 +112,7 @@ def split_topic(path: Path) -> tuple[Path, str | None]:
 
 
 def find_trajectory(folder: Path) -> Path:
-    """The estimate in a result folder."""
+    """Return the estimate in a result folder; InputError if there is none."""
     for name in TRAJECTORY_NAMES:
         if (folder / name).exists():
             return folder / name
@@ -138,7 +138,7 @@ def read_text_poses(path: Path) -> StampedPoses:
 
 
 def _without_heading(lines: list[str]) -> list[str]:
-    """Comment out lines of words before the numbers, as TUM-VIE and VECtor have them."""
+    """Comment out lines of words before the numbers, like those of TUM-VIE and VECtor."""
     for number, line in enumerate(lines[:LONGEST_HEADING]):
         if re.match(r"\s*[-+.\d]", line):
             break
@@ -147,7 +147,7 @@ def _without_heading(lines: list[str]) -> list[str]:
 
 
 def _in_microseconds(rows: list[list[str]]) -> bool:
-    """Whether poses follow each other in steps that would be minutes if they were seconds."""
+    """Return whether the steps between stamps are too large to be seconds."""
     try:
         stamps = [float(row[0]) for row in rows[:100]]
     except ValueError:
@@ -167,7 +167,7 @@ def _read_kitti(path: Path, lines: list[str]) -> StampedPoses:
 
 
 def _kitti_stamps(path: Path, count: int) -> np.ndarray:
-    """Stamps of times.txt beside the poses (seconds a line), or frame numbers at 10 Hz."""
+    """Return the stamps of times.txt beside the poses (seconds a line), or frames at 10 Hz."""
     times = path.with_name("times.txt")
     if not times.exists():
         return np.arange(count, dtype=np.int64) * KITTI_FRAME_NS
@@ -181,7 +181,7 @@ def _kitti_stamps(path: Path, count: int) -> np.ndarray:
 
 
 def read_mvsec_poses(path: Path, rig: StereoRig | None) -> StampedPoses:
-    """T_world_cam of the rectified left camera from davis/left/pose of an MVSEC ground truth."""
+    """Read T_world_cam of the rectified left camera from davis/left/pose of an MVSEC file."""
     try:
         with h5py.File(path) as file:
             T_world_raw = file["davis/left/pose"][:].astype(np.float64)

@@ -19,7 +19,7 @@ POSE_TYPES = {
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: message.pose.pose,
     "nav_msgs/msg/Odometry": lambda message: message.pose.pose,
 }
-"""How to find the pose (position, orientation) in each message type."""
+"""Functions that return the pose (position, orientation) of each message type."""
 
 
 def read_pose_bag(path: Path, topic: str | None = None) -> StampedPoses:
@@ -28,7 +28,7 @@ def read_pose_bag(path: Path, topic: str | None = None) -> StampedPoses:
     Raises
     ------
     InputError
-        If the bag cannot be read, or it has no pose topic, or several and none was named.
+        If the bag cannot be read, has no pose topic, or has several and none is named.
     """
     try:
         typestore = get_typestore(Stores.ROS2_HUMBLE)

@@ -1,1 +1,1 @@
-"""Tables, figures and pages for people; what a run cost and on which machine."""
+"""Tables, figures and pages of results; cost and machine of a run."""

@@ -1,4 +1,4 @@
-"""The machine that a result was made on."""
+"""Description of the machine that computed a result."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 PACKAGES = ("gpvo", "gtsam", "numpy", "numba", "scipy", "opencv-python-headless")
-"""Those whose version changes speed or result."""
+"""Packages whose version changes speed or result."""
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores, system, and versions of Python and of the packages that matter."""
+    """Return processor, cores, system, and versions of Python and of the relevant packages."""
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),
@@ -41,7 +41,7 @@ def _version(package: str) -> str | None:
 
 
 def machine_text(facts: Mapping[str, Any]) -> str:
-    """Processor, cores and versions in one line."""
+    """Format processor, cores and versions in one line."""
     packages = ", ".join(f"{name} {version}" for name, version in facts["packages"].items())
     return (
         f"{facts['processor']}, {facts['cores']} cores, {facts['system']},"

@@ -1,4 +1,4 @@
-"""The paper's Tables I and II, and a table of evo's numbers, in no particular format yet."""
+"""The paper's Tables I and II and a table of ATE and RPE, independent of the output format."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COMPONENT_LABELS: dict[Component, str] = {
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """One estimate's part of the paper's tables: evaluated here, or published elsewhere."""
+    """Errors of one estimate for the paper's tables, evaluated here or published elsewhere."""
 
     name: str
     global_error: dict[Component, PaperStatistics]
@@ -27,7 +27,7 @@ class ErrorRow:
 
     @staticmethod
     def of(evaluation: Evaluation) -> ErrorRow:
-        """The row of an evaluation."""
+        """Return the row of an evaluation."""
         return ErrorRow(
             evaluation.name,
             {part: evaluation.global_error.statistics(part) for part in COMPONENTS},
@@ -39,17 +39,17 @@ Column = tuple[str, Callable[[PaperStatistics], float], Callable[[float], str]]
 
 
 def fixed(value: float) -> str:
-    """Three decimals."""
+    """Format a number with three decimals."""
     return f"{value:.3f}"
 
 
 def percent(value: float) -> str:
-    """Two decimals and a percent sign."""
+    """Format a percentage with two decimals."""
     return f"{value:.2f} %"
 
 
 def thousandths(value: float) -> str:
-    """Two decimals and e-3, as the paper writes relative errors."""
+    """Format a number in thousandths with two decimals, like the paper's relative errors."""
     return f"{1e3 * value:.2f}e-3"
 
 
@@ -68,19 +68,19 @@ RELATIVE_COLUMNS: tuple[Column, ...] = (
 
 
 def evaluation_tables(evaluation: Evaluation) -> list[ResultTable]:
-    """One estimate's rows of the paper's tables, and its summary."""
+    """Return the paper's tables and the summary of one estimate."""
     rows = [ErrorRow.of(evaluation)]
     return [global_error_table(rows), relative_error_table(rows), summary_table([evaluation])]
 
 
 def global_error_table(rows: Sequence[ErrorRow], sequence: str = "") -> ResultTable:
-    """Error since the first pose, one row per estimate and component (the paper's Table I)."""
+    """Return the paper's Table I: error since the first pose, by estimate and component."""
     title = f"{sequence}: global error" if sequence else "Global error, since the first pose"
     return _error_table(title, [(row.name, row.global_error) for row in rows], GLOBAL_COLUMNS)
 
 
 def relative_error_table(rows: Sequence[ErrorRow], sequence: str = "") -> ResultTable:
-    """Error from state to state, one row per estimate and component (the paper's Table II)."""
+    """Return the paper's Table II: error from state to state, by estimate and component."""
     title = f"{sequence}: relative error" if sequence else "Relative error, from state to state"
     return _error_table(title, [(row.name, row.relative_error) for row in rows], RELATIVE_COLUMNS)
 
@@ -105,7 +105,7 @@ def _error_table(
 
 
 def best_marked(values: Sequence[float], text: Callable[[float], str]) -> list[Cell]:
-    """Cells of competing values; the smallest, and what reads the same, is best of several."""
+    """Return the cells of competing values; the smallest and those of equal text are best."""
     cells = [Cell(text(value) if isfinite(value) else "–") for value in values]
     finite = [value for value in values if isfinite(value)]
     if len(finite) < 2:
@@ -115,7 +115,7 @@ def best_marked(values: Sequence[float], text: Callable[[float], str]) -> list[C
 
 
 def summary_table(evaluations: Sequence[Evaluation], sequence: str = "") -> ResultTable:
-    """ATE and RPE (RMSE), drift, path length and coverage, one column per estimate."""
+    """Return a table of ATE and RPE (RMSE), drift, path and coverage, one column per estimate."""
     rows = []
     for label, pick, text in SUMMARY_ROWS:
         cells = best_marked([pick(evaluation) for evaluation in evaluations], text)
@@ -128,12 +128,12 @@ def summary_table(evaluations: Sequence[Evaluation], sequence: str = "") -> Resu
 
 
 def metres(value: float) -> str:
-    """Four decimals, a tenth of a millimetre."""
+    """Format metres with four decimals, 0.1 mm."""
     return f"{value:.4f} m"
 
 
 def degrees(value: float) -> str:
-    """Two decimals."""
+    """Format degrees with two decimals."""
     return f"{value:.2f}°"
 
 

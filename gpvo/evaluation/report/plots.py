@@ -1,6 +1,6 @@
 """Plots of paths and errors as PNG files, the same bytes for the same input.
 
-The world of every plot is the first camera: x to the right, y down, z forward.
+The world frame of every plot is the first camera: x to the right, y down, z forward.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from gpvo.trajectory import StampedPoses
 
 TRUTH_COLOUR = "#555555"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Of M. Okabe and K. Ito, told apart by colour-blind readers too."""
+"""Palette of M. Okabe and K. Ito, distinguishable for colour-blind readers too."""
 
 
 def path_figure(estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None) -> Figure:
-    """Paths from above and from the side.
+    """Draw paths from above and from the side.
 
-    Give estimates in the ground truth's world, as an `Evaluation` holds them; they are seen from
-    its first pose, or from the first estimate's first pose where there is no ground truth.
+    Estimates must be in the ground truth's world, like those of an `Evaluation`. The origin is the
+    first true pose, or the first estimate's first pose if there is no ground truth.
     """
     figure = new_figure(9.0, 4.6)
     above, side = figure.subplots(1, 2)
@@ -51,7 +51,7 @@ def path_figure(estimates: Mapping[str, StampedPoses], ground_truth: StampedPose
 def path_figure_3d(
     estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None
 ) -> Figure:
-    """Paths in space, height upwards, in the frame of `path_figure`."""
+    """Draw paths in space, height upwards, in the frame of `path_figure`."""
     figure = new_figure(6.4, 4.8)
     axes = figure.add_subplot(projection="3d", elev=22.0, azim=-60.0)
     for name, positions, style in _paths(estimates, ground_truth):
@@ -82,16 +82,16 @@ def error_figure(
     over: str = "time",
     stretches: Sequence[Stretch] = (),
 ) -> Figure:
-    """Global translation and rotation error and relative SE(3) error, one above the other.
+    """Draw global translation and rotation error and relative SE(3) error, one above the other.
 
     Parameters
     ----------
     evaluations
-        Of one sequence.
+        Evaluations of one sequence.
     over
         "time" since the first common stamp, or "path" length travelled by the ground truth.
     stretches
-        Shaded behind the curves.
+        Stretches to shade behind the curves.
     """
     figure = new_figure(8.0, 6.6)
     translation, rotation, relative = figure.subplots(3, 1, sharex=True)
@@ -139,7 +139,7 @@ def _shade(
 def series_figure(
     seconds: ArrayLike, series: Mapping[str, ArrayLike], ylabel: str, whole_numbers: bool = False
 ) -> Figure:
-    """Curves over the recording's time, for instance tracklets per cluster."""
+    """Draw curves over the recording's time, for instance tracklets per cluster."""
     figure = new_figure(8.0, 3.2)
     axes = figure.subplots()
     for (name, values), colour in zip(series.items(), colours(len(series)), strict=True):
@@ -154,19 +154,19 @@ def series_figure(
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, in inches, that no window system knows of."""
+    """Make an empty figure, sizes in inches, without a window."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def colours(count: int) -> list[str]:
-    """As many line colours as asked for, starting again when they run out."""
+    """Return `count` line colours; the palette repeats when it runs out."""
     return [COLOURS[index % len(COLOURS)] for index in range(count)]
 
 
 def shared_legend(figure: Figure, axes: Axes) -> None:
-    """One legend above all axes, from the labels of one of them, each once."""
+    """Add one legend above all axes, with each label of `axes` once."""
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(labels, handles, strict=True))
     if entries:
@@ -183,12 +183,12 @@ def _label(axes: Axes, x: str, y: str) -> None:
 
 
 def png(figure: Figure) -> bytes:
-    """PNG without date or version, so that equal figures are equal files."""
+    """Return a PNG without date or version, so that equal figures give equal files."""
     memory = BytesIO()
     figure.savefig(memory, dpi=150, format="png", metadata={"Software": None})
     return memory.getvalue()
 
 
 def save_figure(figure: Figure, path: Path | str) -> None:
-    """Write a PNG file."""
+    """Write a figure as a PNG file."""
     Path(path).write_bytes(png(figure))

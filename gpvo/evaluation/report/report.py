@@ -1,4 +1,4 @@
-"""Results of comparisons on disk: tables, numbers, figures and one HTML page with all of them."""
+"""Report of comparisons on disk: tables, numbers, figures and one HTML page with all of them."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
-    """The paper's figures: the path in space and from two sides, errors over path and time."""
+    """Draw the paper's figures: path in space and from two sides, errors over path and time."""
     evaluations = comparison.evaluations
     estimates = {evaluation.name: evaluation.estimate for evaluation in evaluations}
     ground_truth = _joined([evaluation.ground_truth for evaluation in evaluations])
@@ -72,7 +72,7 @@ def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
 
 
 def _joined(parts: Sequence[StampedPoses]) -> StampedPoses:
-    """One series of all the stamps at which the ground truth was compared."""
+    """Merge the compared parts of the ground truth into one series, every stamp once."""
     stamps, first = np.unique(np.concatenate([part.stamps_ns for part in parts]), return_index=True)
     return StampedPoses(stamps, np.concatenate([part.T_world_cam for part in parts])[first])
 

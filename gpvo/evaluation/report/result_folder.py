@@ -9,17 +9,17 @@ from gpvo.errors import InputError
 
 
 def make_folder(folder: Path | str, without: Iterable[str] = ()) -> Path:
-    """Make a folder and those above it where they are missing.
+    """Make a folder and its missing parents.
 
     Parameters
     ----------
     without
-        Files of an earlier result, to be removed so that they cannot be taken for the new one's.
+        Files of an earlier result to remove, so that they are not mistaken for new ones.
 
     Raises
     ------
     InputError
-        If that cannot be done, or it is a file.
+        If the folder cannot be made, or is a file.
     """
     folder = Path(folder)
     try:

@@ -1,4 +1,4 @@
-"""What a result cost: time by stage, memory, and the machine it was spent on."""
+"""Cost of a result: time by stage, memory, and the machine."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gpvo.evaluation.report.machine import machine
 from gpvo.evaluation.report.table import Cell, ResultTable
 
 COST_FILE = "cost.json"
-"""In a result folder; the one file there that no two runs share."""
+"""File in a result folder, the only one that differs between equal runs."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Cost:
     Attributes
     ----------
     recording_seconds, events
-        What was processed, both cameras.
+        Duration and events of both cameras that were processed.
     wall_seconds, cpu_seconds
         Elapsed time, and processor time of all threads.
     peak_memory_bytes
@@ -35,7 +35,7 @@ class Cost:
     stages
         Elapsed seconds by stage.
     machine
-        Where it was spent, see `machine`; empty if that is not known, or several.
+        Description of the machine, see `machine`; empty if unknown, or for several machines.
     """
 
     recording_seconds: float
@@ -57,7 +57,7 @@ class Cost:
         return self.events / self.wall_seconds
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers by name."""
+        """Return plain numbers by name."""
         derived = {
             "real_time_factor": self.real_time_factor,
             "events_per_second": self.events_per_second,
@@ -67,7 +67,7 @@ class Cost:
 
 @dataclass
 class CostMeter:
-    """Times stages, one after the other or repeatedly.
+    """Stopwatch for stages, which run one after the other or repeatedly.
 
     >>> meter = CostMeter()
     >>> with meter.stage("tracking"):
@@ -81,7 +81,7 @@ class CostMeter:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Add the time spent inside to a stage."""
+        """Add the time spent inside the context to a stage."""
         start = time.perf_counter()
         try:
             yield
@@ -89,7 +89,7 @@ class CostMeter:
             self.stages[name] = self.stages.get(name, 0.0) + time.perf_counter() - start
 
     def total(self, recording_seconds: float, events: int) -> Cost:
-        """Cost since the meter was made."""
+        """Return the cost since the meter was made."""
         return Cost(
             recording_seconds=recording_seconds,
             events=events,
@@ -102,7 +102,7 @@ class CostMeter:
 
 
 def total_cost(costs: Iterable[Cost]) -> Cost:
-    """Cost of several runs together; memory is that of the largest."""
+    """Add up the costs of several runs; memory is the largest of them."""
     every = list(costs)
     alike = all(cost.machine == every[0].machine for cost in every)
     stages = dict.fromkeys(stage for cost in every for stage in cost.stages)
@@ -118,17 +118,17 @@ def total_cost(costs: Iterable[Cost]) -> Cost:
 
 
 def write_cost(folder: Path, cost: Cost) -> None:
-    """Leave the cost of a result in its folder."""
+    """Write the cost of a result into its folder."""
     (folder / COST_FILE).write_text(json.dumps(cost.to_dict(), indent=2) + "\n", encoding="utf-8")
 
 
 def read_cost(result: Path) -> Cost | None:
-    """Cost of a result folder, or of a trajectory file in it; None without one.
+    """Read the cost of a result folder, or of a trajectory file in it; None if there is none.
 
     Raises
     ------
     InputError
-        If there is a file that holds no cost.
+        If the file does not hold a cost.
     """
     folder = result.parent if result.stem == "trajectory" else result
     path = folder / COST_FILE
@@ -142,15 +142,16 @@ def read_cost(result: Path) -> Cost | None:
 
 
 def peak_memory_bytes() -> int:
-    """Largest resident memory of this process so far."""
+    """Return the largest resident memory of this process so far."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak  # Linux counts kilobytes
 
 
 def cost_table(costs: Mapping[str, Cost], sequence: str = "") -> ResultTable:
-    """Speed, processor time and memory, then every stage's speed and share of time.
+    """Return a table of speed, processor time, memory, and every stage's speed and share of time.
 
-    One column per result; a stage's speed is what it alone would reach, times real time.
+    Every result has a column. A stage's speed is the one it would reach alone, in multiples of real
+    time.
     """
     stages = dict.fromkeys(stage for cost in costs.values() for stage in cost.stages)
     labels = ["speed", "events per second", "CPU s per recorded s", "peak memory", *stages]

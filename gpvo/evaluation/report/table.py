@@ -30,7 +30,7 @@ LATEX_SPECIAL = {
 
 @dataclass(frozen=True)
 class Cell:
-    """A table's entry; the best of its kind is set in bold."""
+    """Entry of a table, in bold if it is the best of its kind."""
 
     text: str
     best: bool = False
@@ -47,7 +47,7 @@ class ResultTable:
 
 
 def to_rich(table: ResultTable) -> Table:
-    """For the terminal."""
+    """Format a table for the terminal."""
     rich = Table(title=escape_rich(table.title), title_justify="left")
     for index, heading in enumerate(table.headings):
         first = index == 0
@@ -64,7 +64,7 @@ def _rich_cell(cell: Cell) -> str:
 
 
 def to_markdown(table: ResultTable) -> str:
-    """With the title as a heading."""
+    """Format a table in Markdown, with the title as a heading."""
     lines = [_markdown_row(table.headings), _markdown_row(["---"] * len(table.headings))]
     lines += [_markdown_row([_markdown_cell(cell) for cell in row]) for row in table.rows]
     return f"### {table.title}\n\n" + "\n".join(lines) + "\n"
@@ -80,7 +80,7 @@ def _markdown_cell(cell: Cell) -> str:
 
 
 def to_latex(table: ResultTable) -> str:
-    """A table for a document with LATEX_PACKAGES."""
+    """Format a table for a LaTeX document with LATEX_PACKAGES."""
     lines = [
         r"\begin{table}[tbp]",
         r"\centering",
@@ -116,7 +116,7 @@ def _latex_text(text: str) -> str:
 
 
 def to_html(table: ResultTable) -> str:
-    """A table element with a caption."""
+    """Format a table as an HTML element with a caption."""
     head = "".join(f"<th>{escape_html(heading)}</th>" for heading in table.headings)
     body = []
     for number, row in enumerate(table.rows, start=1):

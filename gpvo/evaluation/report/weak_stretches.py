@@ -1,4 +1,4 @@
-"""Stretches of time where an estimate had little to go by, to shade in the figures."""
+"""Stretches of time with few measurements or none, to shade in the figures."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from gpvo.trajectory import Trajectory
 
 BIN = 0.1
-"""Seconds in which states are counted."""
+"""Width of the bins in which states are counted, seconds."""
 
 FEW = 0.25
-"""Less than this part of the median number of states is few."""
+"""Fraction of the median number of states, below which a bin has few states."""
 
 LONGEST_GAP = 0.2
-"""Seconds between states, two clusters' at most; where it is longer only the motion prior spoke."""
+"""Longest gap with measurements, seconds, at most two clusters; in longer ones there are none."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch of time worth shading, in absolute nanoseconds."""
+    """Stretch of time to shade, in absolute nanoseconds."""
 
     start_ns: int
     stop_ns: int
@@ -29,14 +29,14 @@ class Stretch:
     colour: str = "#999999"
 
     def later(self, offset_ns: int) -> Stretch:
-        """The same stretch on another clock."""
+        """Return the same stretch on another clock."""
         return replace(self, start_ns=self.start_ns + offset_ns, stop_ns=self.stop_ns + offset_ns)
 
 
 def weak_stretches(trajectory: Trajectory) -> list[Stretch]:
-    """Where a trajectory has few states, grey, and where it has none, pink, as in the paper.
+    """Find where a trajectory has few states, grey, and where it has none, pink, as in the paper.
 
-    States stand where measurements were; with key times, only gaps can be seen.
+    States are at the times of measurements. With states at key times only gaps can be found.
     """
     few = [_stretch(trajectory, *ends, "few measurements") for ends in _thin(trajectory.t)]
     none = [
@@ -53,7 +53,7 @@ def _stretch(
 
 
 def _thin(t: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Start and stop of runs of bins with few states."""
+    """Return the start and stop of runs of bins with few states."""
     edges = np.arange(t[0], t[-1], BIN)
     if len(edges) < 2:
         return []
@@ -65,6 +65,6 @@ def _thin(t: NDArray[np.float64]) -> list[tuple[float, float]]:
 
 
 def _gaps(t: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Start and stop of long gaps between states."""
+    """Return the start and stop of long gaps between states."""
     first = np.flatnonzero(np.diff(t) > LONGEST_GAP)
     return list(zip(t[first], t[first + 1], strict=True))

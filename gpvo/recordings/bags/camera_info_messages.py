@@ -1,4 +1,4 @@
-"""The calibration that a bag itself holds: CameraInfo messages beside the events."""
+"""Read the calibration in a bag: CameraInfo messages beside the events."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MESSAGE = "sensor_msgs/CameraInfo"
 
 
 def camera_info_of_log(log: MessageLog, left: str, right: str) -> StereoRig | None:
-    """The rig of the camera_info topics beside two event topics, or None."""
+    """Return the rig of the camera_info topics beside two event topics, or None."""
     names = [f"{topic.rpartition('/')[0]}/camera_info" for topic in (left, right)]
     if names[0] == names[1] or any(name not in log.topics for name in names):
         return None
@@ -28,7 +28,7 @@ def camera_info_of_log(log: MessageLog, left: str, right: str) -> StereoRig | No
 
 
 def _message_fields(log: MessageLog, name: str) -> Fields | None:
-    """The first CameraInfo of a topic, with the names of the YAML files."""
+    """Return the first CameraInfo of a topic with the field names of the YAML files."""
     topic = log.topics[name]
     raw = next(log.messages(name, Faults()), None)
     if raw is None or topic.type != MESSAGE:
@@ -38,7 +38,7 @@ def _message_fields(log: MessageLog, name: str) -> Fields | None:
     deserialise = store.deserialize_ros1 if ros1 else store.deserialize_cdr
     try:
         info: Any = deserialise(bytes(raw), "sensor_msgs/msg/CameraInfo")
-    except Exception as error:  # damaged bytes make rosbags raise many kinds
+    except Exception as error:  # rosbags raises many kinds of errors for damaged bytes
         raise InputError(f"{log.path}: {name} is damaged; give --calibration") from error
     upper = {letter: getattr(info, letter, getattr(info, letter.lower(), ())) for letter in "DKRP"}
     return Fields(log.path, name, _yaml_names(info, upper), EXPECTED)

@@ -1,6 +1,6 @@
-"""Serialised event messages of ROS 1 and ROS 2, taken apart without making Python objects.
+"""Parse serialised event messages of ROS 1 and ROS 2 without a Python object for each event.
 
-Layouts: EventArray of dvs_msgs, prophesee_event_msgs and dv_ros_msgs (one definition), and
+Layouts: EventArray of dvs_msgs, prophesee_event_msgs and dv_ros_msgs (the same definition), and
 EventPacket of event_camera_msgs. Both encodings are little endian.
 """
 
@@ -26,7 +26,7 @@ CDR_EVENT = np.dtype(
         "itemsize": 16,
     }
 )
-"""An event behind the first one in CDR, which aligns the next x to the polarity before it."""
+"""An event after the first one in CDR, whose alignment pads two bytes before the time."""
 
 _U4 = struct.Struct("<I")
 
@@ -55,12 +55,12 @@ class EventPacket(NamedTuple):
 
 
 def event_array(message: memoryview, encoding: str) -> EventArray:
-    """Take an EventArray apart.
+    """Parse an EventArray message.
 
     Raises
     ------
     DamagedMessageError
-        If the message is shorter than it says.
+        If the message is shorter than the lengths in it.
     """
     try:
         return _ros1_array(message) if encoding == "ros1" else _cdr_array(message)
@@ -86,13 +86,13 @@ def _cdr_array(message: memoryview) -> EventArray:
         return EventArray(width, height, b"")
     if start + size - 3 > len(body):
         raise DamagedMessageError
-    # The first event's x and y stand right before its time; move them to where others have them.
+    # The first event has no padding before its time; add the padding that the others have.
     first, rest = body[start : start + 4], body[start + 4 : start + size - 3]
     return EventArray(width, height, b"".join([first, b"\0\0", rest, b"\0"]))
 
 
 def event_block(records: bytes | memoryview, dtype: np.dtype) -> EventBlock:
-    """Columns of events of any number of messages, joined."""
+    """Return the columns of the joined event records of any number of messages."""
     events = np.frombuffer(records, dtype)
     t_ns = events["sec"] * np.int64(10**9)
     t_ns += events["nsec"]
@@ -105,12 +105,12 @@ def event_block(records: bytes | memoryview, dtype: np.dtype) -> EventBlock:
 
 
 def event_packet(message: memoryview, encoding: str) -> EventPacket:
-    """Take an EventPacket apart.
+    """Parse an EventPacket message.
 
     Raises
     ------
     DamagedMessageError
-        If the message is shorter than it says.
+        If the message is shorter than the lengths in it.
     """
     try:
         return _ros1_packet(message) if encoding == "ros1" else _cdr_packet(message)
@@ -142,7 +142,7 @@ def _cdr_packet(message: memoryview) -> EventPacket:
 
 
 def _tail(message: memoryview, at: int) -> memoryview:
-    """A sequence of bytes after its length."""
+    """Return the sequence of bytes that follows its length."""
     size = _U4.unpack_from(message, at)[0]
     if at + 4 + size > len(message):
         raise DamagedMessageError

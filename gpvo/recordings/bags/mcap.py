@@ -1,8 +1,8 @@
-"""MCAP files, alone or in a ROS 2 bag, also those that were never finished.
+"""Read MCAP files, alone or in a ROS 2 bag, even if they were never finished.
 
-As with ROS 1 bags the chunks are found by walking over the file, so that the summary at its end
-may be missing. The mcap library, which writes ours, gives up at the first damage: nothing of a file
-that is cut short, half of one with a single wrong byte.
+As with ROS 1 bags, the chunks are found by walking through the file, so the summary at its end
+may be missing. The mcap library, used for writing, stops at the first damage: it reads nothing of
+a file that is cut short, and half of a file with a single wrong byte.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 3, 4, 5, 6, 15
 ENCODINGS = ("ros1", "cdr")
 LARGEST_RECORD = 1 << 24
-"""Bytes of a schema or channel; a larger one is damage."""
+"""Bytes of a schema or channel; a larger size is a sign of damage."""
 
 _OP = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")
 
 
 def is_mcap(path: Path) -> bool:
-    """Whether a file begins like MCAP."""
+    """Return whether a file begins with the magic bytes of MCAP."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -38,7 +38,7 @@ def is_mcap(path: Path) -> bool:
 
 
 class _Part(NamedTuple):
-    """A chunk, or a stretch of records outside of chunks (compression "none")."""
+    """A chunk, or a message outside of chunks (compression "none")."""
 
     at: int
     stored: int
@@ -150,7 +150,7 @@ class McapFile(MessageLog):
             self._numbers.setdefault(name, set()).add(number)
 
     def _find_topics_in_chunks(self, file: BinaryIO) -> None:
-        """Channels stand in the chunks, too; without the summary only there."""
+        """Find the channels inside the chunks; without the summary they are only there."""
         for part in self._parts:
             try:
                 data = _unpacked(file, part)
@@ -172,7 +172,7 @@ def _chunk(file: BinaryIO, start: int, size: int) -> _Part:
 
 
 def _unpacked(file: BinaryIO, part: _Part) -> bytes:
-    """The records of a part; those in front of a cut need no checksum."""
+    """Return the records of a part; the checksum of a part that was cut short is not checked."""
     file.seek(part.at)
     data = unpack(part.compression, file.read(part.stored), part.size)
     if part.crc and len(data) >= part.size and crc32(data) != part.crc:
@@ -181,7 +181,7 @@ def _unpacked(file: BinaryIO, part: _Part) -> bytes:
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Operation, start and stop of the content of each record."""
+    """Yield the operation, and start and stop of the content, of each record."""
     at, end = 0, len(data)
     while at < end:
         if at + 9 > end:
@@ -195,7 +195,7 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def _string(data: bytes, at: int) -> tuple[str, int]:
-    """A string and the position behind it."""
+    """Return a string and the position after it."""
     length = struct.unpack_from("<I", data, at)[0]
     if at + 4 + length > len(data):
         raise _DamagedError

@@ -1,4 +1,4 @@
-"""What bags have in common: topics, and their raw messages one after the other."""
+"""Interface of bags: topics and their serialised messages."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class MessageLog(ABC):
     Attributes
     ----------
     name
-        Of the format, for reports.
+        Name of the format, for reports.
     path
         The file or folder.
     topics
-        By name.
+        Topics by name.
     notes
         What could not be read when it was opened.
     """

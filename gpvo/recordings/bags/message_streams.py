@@ -1,4 +1,4 @@
-"""The events of one topic of a log: EventArray or EventPacket messages."""
+"""Event streams of one topic of a log: EventArray or EventPacket messages."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from gpvo.recordings.decoders.evt3 import WRAP_US, Evt3
 from gpvo.recordings.streams import EventBlock, EventStream, Faults
 
 BLOCK_EVENTS = 1 << 17
-"""Messages are joined to blocks of about so many events."""
+"""Number of events; messages are joined to blocks of about this size."""
 
 LAST_EVENTS = 1000
-"""How many events of the end are read to find when a recording ends."""
+"""Number of events at the end that are read to find when a recording ends."""
 
 LAST_BYTES = 1 << 17
-"""The same for packets; EVT3 repeats the time in far less."""
+"""Bytes of packets at the end that are read for this; EVT3 repeats the time much sooner."""
 
 DAMAGED_MESSAGE = "damaged messages were skipped"
 UNKNOWN_ENCODING = "event packets in an unknown encoding were skipped"
 
 
 class ArrayStream(EventStream):
-    """A topic of EventArray messages."""
+    """Event stream of a topic of EventArray messages."""
 
     def __init__(self, log: MessageLog, name: str) -> None:
         self.where = f"{log.path}: {name}"
@@ -70,7 +70,7 @@ class ArrayStream(EventStream):
             yield event_block(b"".join(parts), self._dtype)
 
     def ends(self) -> Iterator[EventBlock]:
-        """Events of the last messages, enough to tell credible stamps from damaged ones."""
+        """Yield the events of the last messages, enough to separate credible and damaged stamps."""
         parts: list[bytes | memoryview] = []
         for message in self._log.messages(self._topic.name, Faults(), backwards=True):
             try:
@@ -84,7 +84,7 @@ class ArrayStream(EventStream):
 
 
 class PacketStream(EventStream):
-    """A topic of EventPacket messages: evt3, libcaer, libcaer_cmp or mono."""
+    """Event stream of a topic of EventPacket messages: evt3, libcaer, libcaer_cmp or mono."""
 
     def __init__(self, log: MessageLog, name: str) -> None:
         self.where = f"{log.path}: {name}"
@@ -96,7 +96,7 @@ class PacketStream(EventStream):
         self.wrap_ns = WRAP_US * 1000 if first.encoding == "evt3" else 0
 
     def arrival_offset_ns(self) -> int | None:
-        """Stamp of the first message with events less the sensor's time of its first event."""
+        """Return the stamp of the first message with events minus its first event's sensor time."""
         if not self.wrap_ns:
             return None
         decoder = Evt3()
@@ -118,7 +118,7 @@ class PacketStream(EventStream):
             yield EventBlock.concatenate(parts)
 
     def ends(self) -> Iterator[EventBlock]:
-        """Events of the last packets; those of EVT3 before their first time are left out."""
+        """Yield the events of the last packets, except those of EVT3 before its first time."""
         packets: list[EventPacket] = []
         size = 0
         for packet in self._packets(Faults(), backwards=True):
@@ -134,7 +134,7 @@ class PacketStream(EventStream):
     def _decoded(
         self, packets: Iterable[EventPacket], offset_ns: int | None, faults: Faults
     ) -> Iterator[EventBlock]:
-        """Events of each packet; `offset_ns` is the arrival less the sensor's time at the start."""
+        """Yield each packet's events; `offset_ns` is arrival minus sensor time at the start."""
         sensor, packed = Evt3(), libcaer.LibcaerPacked()
         for packet in packets:
             decoder = sensor if packet.encoding == "evt3" else packed
@@ -151,7 +151,7 @@ class PacketStream(EventStream):
                 yield block
 
     def _unwrapped(self, block: EventBlock, late_ns: int) -> EventBlock:
-        """Undo wraps of the sensor's clock that were lost with packets, by the time of arrival."""
+        """Add the wraps of the sensor's clock that were lost with packets, by the arrival time."""
         wraps = round(late_ns / self.wrap_ns) if self.wrap_ns else 0
         if wraps == 0:
             return block
@@ -168,7 +168,7 @@ class PacketStream(EventStream):
 
 
 def _decode(packet: EventPacket, decoder: Evt3 | libcaer.LibcaerPacked) -> Iterator[EventBlock]:
-    """Events of a packet; DamagedMessageError if its encoding is unknown."""
+    """Yield the events of a packet; raise DamagedMessageError if its encoding is unknown."""
     data = np.frombuffer(packet.data, np.uint8)
     # A packet cut short ends with the last whole word.
     if packet.encoding == "evt3" and isinstance(decoder, Evt3):

@@ -1,8 +1,8 @@
-"""ROS 1 bags (format 2.0), also those that a killed recorder left without an index.
+"""Read ROS 1 bags (format 2.0), even if a killed recorder left them without an index.
 
-The chunks are found by walking over the file, as a bag cut short has no index to trust; a walk
-reads a few bytes of each chunk only. A record is a header of name=value fields, then data, each
-after its length.
+The chunks are found by walking through the file, as a bag that is cut short has no reliable index.
+The walk reads only a few bytes of each chunk. A record is a header of name=value fields, then data;
+the length of each comes before it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gpvo.recordings.compression import DamagedChunkError, UnpackedChunks, unpac
 from gpvo.recordings.streams import DAMAGED, Faults
 
 LARGEST_HEADER = 1 << 20
-"""Bytes of a record's header; a longer one is damage."""
+"""Bytes of a record's header; a larger size is a sign of damage."""
 
 _U4 = struct.Struct("<I")
 
@@ -28,7 +28,7 @@ MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 
 
 def is_rosbag1(path: Path) -> bool:
-    """Whether a file begins like a ROS 1 bag."""
+    """Return whether a file begins with the magic bytes of a ROS 1 bag."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -37,7 +37,7 @@ def is_rosbag1(path: Path) -> bool:
 
 @dataclass
 class _Chunk:
-    """Where a chunk's data are, and which connections its index names (None: unknown)."""
+    """Position of a chunk's data, and the connections that its index names (None: unknown)."""
 
     at: int
     stored: int
@@ -98,7 +98,7 @@ class RosBag1(MessageLog):
             )
 
     def _record(self, file: BinaryIO, at: int, end: int) -> int:
-        """Take note of the record at a position; the position of the next one."""
+        """Register the record at a position and return the position of the next one."""
         header, data_at, size = read_header(file, at, end)
         operation = operation_of(header)
         if operation == CHUNK:
@@ -127,7 +127,7 @@ class RosBag1(MessageLog):
         self._numbers.setdefault(name, set()).add(number)
 
     def _find_topics_in_chunks(self, file: BinaryIO) -> None:
-        """Connections stand in the chunks, too; without the end of the file only there."""
+        """Find the connections inside the chunks; a bag without its end has them only there."""
         for chunk in self._chunks:
             chunk.connections = None
             try:
@@ -145,9 +145,9 @@ class RosBag1(MessageLog):
         return self._unpacked_chunks.get(chunk.at, lambda: _unpacked(file, chunk))
 
     def _connection_of(self, header: bytes) -> int:
-        """Connection of a message, -1 of other records.
+        """Return the connection of a message, or -1 for other records.
 
-        Headers of messages differ in nothing but their times, so that each kind is parsed once.
+        Headers of one connection differ only in their times, so each kind is parsed once.
         """
         at = header.find(b"time=")
         kind = header[: at + 5] + header[at + 13 :]
@@ -182,11 +182,11 @@ def _unpacked(file: BinaryIO, chunk: _Chunk) -> bytes:
 
 
 class DamagedRecordError(Exception):
-    """A record that makes no sense, or ends behind the end of the file."""
+    """A record that is invalid or ends after the end of the file."""
 
 
 def read_header(file: BinaryIO, at: int, end: int) -> tuple[dict[bytes, bytes], int, int]:
-    """Header fields of the record at a position, and position and size of its data."""
+    """Return the header of the record at a position, and the position and size of its data."""
     file.seek(at)
     length = _u4_of(file.read(4))
     if length > min(LARGEST_HEADER, end - at):
@@ -196,7 +196,7 @@ def read_header(file: BinaryIO, at: int, end: int) -> tuple[dict[bytes, bytes], 
 
 
 def records(data: bytes) -> Iterator[tuple[bytes, int, int]]:
-    """Header, start and stop of the data of each record in a chunk."""
+    """Yield the header, and start and stop of the data, of each record in a chunk."""
     at, end = 0, len(data)
     while at < end:
         if at + 8 > end:
@@ -214,7 +214,7 @@ def records(data: bytes) -> Iterator[tuple[bytes, int, int]]:
 
 
 def parse_fields(data: bytes) -> dict[bytes, bytes]:
-    """name=value fields, each after its length."""
+    """Parse name=value fields, each of which follows its length."""
     fields: dict[bytes, bytes] = {}
     at, end = 0, len(data)
     while at < end:
@@ -228,7 +228,7 @@ def parse_fields(data: bytes) -> dict[bytes, bytes]:
 
 
 def operation_of(header: dict[bytes, bytes]) -> int:
-    """What kind of record it is."""
+    """Return the operation code of a header, the kind of its record."""
     value = header.get(b"op", b"")
     if len(value) != 1:
         raise DamagedRecordError("the file is damaged")
@@ -236,7 +236,7 @@ def operation_of(header: dict[bytes, bytes]) -> int:
 
 
 def u4(header: dict[bytes, bytes], name: bytes) -> int:
-    """A number of the header."""
+    """Return a number of the header."""
     return _u4_of(header.get(name, b""))
 
 

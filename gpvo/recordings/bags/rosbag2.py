@@ -22,7 +22,7 @@ ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 def is_rosbag2(path: Path) -> bool:
-    """Whether a folder holds storage files of ROS 2, or a file is one of SQLite."""
+    """Return whether a folder contains storage files of ROS 2, or a file is one of SQLite."""
     if path.is_dir():
         return bool(_storage_files(path))
     with path.open("rb") as file:
@@ -30,9 +30,9 @@ def is_rosbag2(path: Path) -> bool:
 
 
 def open_rosbag2(path: Path) -> MessageLog:
-    """Open a bag; its parts are read as one.
+    """Open a bag and read its files as one.
 
-    metadata.yaml is not needed: it is missing where a recorder was killed.
+    metadata.yaml is not needed, as it is missing if the recorder was killed.
     """
     files = _storage_files(path) if path.is_dir() else [path]
     packed = [file for file in files if file.name.endswith(".zstd")]
@@ -76,7 +76,7 @@ class SqliteBag(MessageLog):
     Raises
     ------
     InputError
-        If it is no such database, or damaged where its topics stand.
+        If it is no such database, or its table of topics is damaged.
     """
 
     name = "ROS 2 bag (SQLite)"
@@ -120,14 +120,14 @@ class SqliteBag(MessageLog):
             faults[DAMAGED] += 1
 
     def _connect(self) -> sqlite3.Connection:
-        # No lock and no journal beside a recording, unless a killed recorder left one to be read.
+        # Make no lock or journal beside a recording; read the journal of a killed recorder.
         journal = self.path.with_name(self.path.name + "-wal").exists()
         mode = "mode=ro" if journal else "immutable=1"
         return sqlite3.connect(f"file:{quote(str(self.path.absolute()))}?{mode}", uri=True)
 
 
 def _missing_bytes(path: Path) -> int:
-    """How much shorter a database is than its header says; SQLite reads zeros there."""
+    """Return the bytes that a database lacks according to its header; SQLite reads zeros there."""
     with path.open("rb") as file:
         header = file.read(32)
     page = int.from_bytes(header[16:18], "big")
@@ -136,7 +136,7 @@ def _missing_bytes(path: Path) -> int:
 
 
 def _unpacked(data: bytes) -> bytes:
-    """A message, which the recorder may have compressed."""
+    """Return a message, decompressed if the recorder compressed it."""
     if data[:4] != ZSTD:
         return data
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_CHUNK)

@@ -18,26 +18,26 @@ PACKET_TYPES = ("event_camera_msgs/EventPacket", "event_array_msgs/EventArray")
 
 
 def is_array(topic: Topic) -> bool:
-    """Whether a topic holds EventArray, by its md5 or, without one, by its type."""
+    """Return whether a topic has EventArray messages, by its md5 or, without one, by its type."""
     if topic.digest:
         return topic.digest == EVENT_ARRAY_MD5
     return topic.type.endswith("/EventArray") and topic.type not in PACKET_TYPES
 
 
 def is_packet(topic: Topic) -> bool:
-    """Whether a topic holds EventPacket, by its md5 or, without one, by its type."""
+    """Return whether a topic has EventPacket messages, by its md5 or, without one, by its type."""
     if topic.digest:
         return topic.digest == EVENT_PACKET_MD5
     return topic.type in PACKET_TYPES
 
 
 def event_topics(log: MessageLog) -> list[str]:
-    """Names of the topics with events."""
+    """Return the names of the topics with events."""
     return sorted(name for name, topic in log.topics.items() if is_array(topic) or is_packet(topic))
 
 
 def topic_stream(log: MessageLog, name: str) -> EventStream:
-    """The events of one topic."""
+    """Return the event stream of one topic."""
     if is_array(log.topics[name]):
         return ArrayStream(log, name)
     return PacketStream(log, name)
@@ -53,8 +53,8 @@ def open_log(
     Raises
     ------
     InputError
-        If it has no two event topics, or their names do not tell the cameras apart; the message
-        has the flags to choose from.
+        If it has fewer than two event topics, or their names do not identify the cameras; the
+        message lists flags to choose from.
     """
     names = event_topics(log)
     if not names:

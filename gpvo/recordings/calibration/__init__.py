@@ -1,1 +1,1 @@
-"""The stereo rig, and the calibration files of all kinds that it is read from."""
+"""The stereo rig, and readers of all kinds of calibration files."""

@@ -1,4 +1,4 @@
-"""basalt's calibration (JSON), as TUM-VIE has it: cameras 2 and 3 are the event cameras."""
+"""Read basalt's calibration (JSON), as in TUM-VIE: cameras 2 and 3 are the event cameras."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KB4 = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
 
 
 def basalt_rig(fields: Fields) -> StereoRig:
-    """The rig of the last two cameras of the file."""
+    """Return the rig of the last two cameras of the file."""
     value = fields.mapping("value0")
     poses = _list(value, "T_imu_cam")
     left, right = len(poses) - 2, len(poses) - 1
@@ -30,7 +30,7 @@ def basalt_rig(fields: Fields) -> StereoRig:
 
 
 def imu_to_left(fields: Fields) -> NDArray[np.float64]:
-    """T_imu_left (4, 4) of the raw left event camera."""
+    """Return T_imu_left (4, 4) of the raw left event camera."""
     poses = _list(fields.mapping("value0"), "T_imu_cam")
     if len(poses) < 2:
         fields.fail("value0/T_imu_cam", "must hold two cameras")
@@ -38,7 +38,7 @@ def imu_to_left(fields: Fields) -> NDArray[np.float64]:
 
 
 def imu_to_marker(fields: Fields) -> NDArray[np.float64]:
-    """T_imu_marker (4, 4) of TUM-VIE's mocap-imu-calibration."""
+    """Return T_imu_marker (4, 4) of TUM-VIE's mocap-imu-calibration."""
     value = fields.mapping("value0")
     return _pose(value.mapping("T_imu_marker"))
 
@@ -61,7 +61,7 @@ def _camera(value: Fields, number: int) -> Camera:
 
 
 def _list(value: Fields, field: str) -> list[Fields]:
-    """A list of mappings."""
+    """Return the fields of each mapping in a list."""
     items: Any = value.get(field)
     if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
         value.fail(field, "must list the cameras")

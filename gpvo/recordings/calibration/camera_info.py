@@ -1,4 +1,4 @@
-"""Pairs of ROS CameraInfo: YAML files as camera_calibration and ESVO write them."""
+"""Read pairs of ROS CameraInfo: YAML files as written by camera_calibration and ESVO."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ VECTOR_JOINT = "*joint_camera_extrinsic*.yaml"
 
 
 def is_camera_info(fields: Fields) -> bool:
-    """Whether a file looks like a CameraInfo."""
+    """Return whether a file looks like a CameraInfo."""
     return "camera_matrix" in fields.values and "image_width" in fields.values
 
 
 def read_camera_info_pair(path: Path) -> StereoRig:
-    """The rig of two CameraInfo files, given one of them.
+    """Read the rig of two CameraInfo files, given one of them.
 
-    The transform between the cameras is that of the projection matrices, T_right_left of either
-    file (ESVO), or that of VECtor's calibration of all cameras beside them.
+    The transform between the cameras comes from the projection matrices, from T_right_left of
+    either file (ESVO), or from VECtor's calibration of all cameras, which lies beside them.
     """
     both = paired_files(path)
     if both is None:
@@ -56,14 +56,14 @@ def read_camera_info_pair(path: Path) -> StereoRig:
 
 
 def _vector_transform(joint: Fields) -> list[float]:
-    """The first rows of T_right_left; VECtor's cam2 and cam3 are the event cameras."""
+    """Return the first three rows of T_right_left; VECtor's event cameras are cam2 and cam3."""
     T_cam0_left = joint.mapping("cam2").transform("T_cam0_cam2")
     T_cam0_right = joint.mapping("cam3").transform("T_cam0_cam3")
     return (np.linalg.inv(T_cam0_right) @ T_cam0_left)[:3].ravel().tolist()
 
 
 def camera_info_rig(left: Fields, right: Fields) -> StereoRig:
-    """The rig of two CameraInfo."""
+    """Return the rig of two CameraInfo."""
     cameras = _camera(left), _camera(right)
     if is_rectified_pair(left, right):
         R_rect = _matrix(left, "rectification_matrix", 3), _matrix(right, "rectification_matrix", 3)
@@ -83,9 +83,9 @@ def camera_info_rig(left: Fields, right: Fields) -> StereoRig:
 
 
 def is_rectified_pair(left: Fields, right: Fields) -> bool:
-    """Whether both have a rectification and a baseline.
+    """Return whether both cameras have a rectification and a baseline.
 
-    Drivers leave zeros, and calibrations of single cameras the identity, where there is none.
+    Without them, drivers write zeros, and calibrations of single cameras the identity.
     """
     names = ("rectification_matrix", "projection_matrix")
     if any(name not in fields.values for name in names for fields in (left, right)):
@@ -130,7 +130,7 @@ def _matrix(fields: Fields, field: str, columns: int) -> NDArray[np.float64]:
 
 
 def _data(fields: Fields, field: str, *shapes: tuple[int, ...]) -> NDArray[np.float64]:
-    """`data` of a matrix, or a bare list of numbers."""
+    """Return the numbers in `data` of a matrix, or in a bare list."""
     value = fields.get(field)
     if isinstance(value, dict):
         return fields.mapping(field).array("data", *shapes)

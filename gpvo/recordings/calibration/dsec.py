@@ -1,4 +1,4 @@
-"""DSEC's cam_to_cam.yaml: cam0 and cam3 are the left and right event cameras."""
+"""Read DSEC's cam_to_cam.yaml: cam0 and cam3 are the left and right event cameras."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gpvo.recordings.calibration.rig import StereoRig
 
 
 def dsec_rig(fields: Fields) -> StereoRig:
-    """The rig of both event cameras, with DSEC's own rectification."""
+    """Return the rig of both event cameras, with DSEC's own rectification."""
     intrinsics, extrinsics = fields.mapping("intrinsics"), fields.mapping("extrinsics")
     left, right = (intrinsics.mapping(name).camera("camera_matrix") for name in ("cam0", "cam3"))
     R_rect = extrinsics.rotation("R_rect0"), extrinsics.rotation("R_rect3")
@@ -29,9 +29,9 @@ def dsec_rig(fields: Fields) -> StereoRig:
 
 
 def lidar_to_left(cam_to_cam: Fields, cam_to_lidar: Fields) -> NDArray[np.float64]:
-    """T_lidar_left (4, 4): takes points of the rectified left event camera to the lidar.
+    """Return T_lidar_left (4, 4) from the rectified left event camera to the lidar.
 
-    cam_to_lidar.yaml is of the rectified frame camera, cam1.
+    The transform in cam_to_lidar.yaml is that of the rectified frame camera, cam1.
     """
     extrinsics = cam_to_cam.mapping("extrinsics")
     R_rect0, R_rect1 = np.eye(4), np.eye(4)

@@ -1,4 +1,4 @@
-"""DSEC's rectify_map.h5, held against the calibration."""
+"""Compare DSEC's rectify_map.h5 with the calibration."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from gpvo.recordings.calibration.rig import Camera
 from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5
 
 LARGEST_DIFFERENCE = 0.5
-"""Pixels, median; a map of other cameras is off by several."""
+"""Median difference, pixels; a map of other cameras differs by several pixels."""
 
 
 def check_rectify_map(path: Path, camera: Camera, K_rect: NDArray[np.float64]) -> None:
-    """Raise InputError if a map lies beside the events that is not of this calibration.
+    """Raise InputError if a map beside the events does not match the calibration.
 
     The map itself is not needed: the same table is computed from the calibration.
     """

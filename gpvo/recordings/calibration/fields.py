@@ -1,4 +1,4 @@
-"""Fields of calibration files, checked, with the file and the place in every message."""
+"""Checked fields of calibration files; every error message names the file and the place."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ COEFFICIENTS: dict[DistortionModel, tuple[int, ...]] = {
     "radtan": (4, 5),
     "none": (0, 4, 5),
 }
-"""How many distortion coefficients each model may have."""
+"""Numbers of distortion coefficients that each model may have."""
 
 LARGEST_SIDE = 65535
-"""Pixels are uint16."""
+"""Pixels; columns and rows are uint16."""
 
 
 @dataclass(frozen=True)
 class Fields:
-    """A mapping of the file, with the place of it for messages."""
+    """A mapping of the file, with its place for error messages."""
 
     path: Path
     name: str
@@ -40,13 +40,13 @@ class Fields:
         raise InputError(f"{self.path}: {place} {problem}")
 
     def get(self, field: Any) -> Any:
-        """The value of a field that must be there."""
+        """Return the value of a required field."""
         if field not in self.values:
             self.fail(field, f"is missing; give {self.expected} of both cameras")
         return self.values[field]
 
     def mapping(self, field: str) -> Fields:
-        """The fields inside a field."""
+        """Return the fields inside a field."""
         values = self.get(field)
         if not isinstance(values, dict):
             self.fail(field, "must hold the fields of one camera")
@@ -54,7 +54,7 @@ class Fields:
         return Fields(self.path, name, values, self.expected)
 
     def array(self, field: Any, *shapes: tuple[int, ...]) -> NDArray[np.float64]:
-        """Finite numbers of one of the given shapes."""
+        """Return the finite numbers of a field, of one of the given shapes."""
         expected = " or ".join(" x ".join(map(str, shape)) for shape in shapes)
         values = self.get(field)
         try:
@@ -68,13 +68,13 @@ class Fields:
         return numbers
 
     def rotation(self, field: str) -> NDArray[np.float64]:
-        """A (3, 3) rotation."""
+        """Return a rotation (3, 3)."""
         R = self.array(field, (3, 3))
         self.check_rotation(field, R)
         return R
 
     def transform(self, field: str) -> NDArray[np.float64]:
-        """A (4, 4) rigid transform."""
+        """Return a rigid transform (4, 4)."""
         T = self.array(field, (4, 4))
         self.check_rotation(field, T[:3, :3])
         return T
@@ -85,14 +85,14 @@ class Fields:
             self.fail(field, "is not a rotation: its rows must be orthonormal, right-handed")
 
     def intrinsics(self, field: str) -> NDArray[np.float64]:
-        """fx, fy, cx, cy."""
+        """Return fx, fy, cx, cy in pixels."""
         numbers = self.array(field, (4,))
         if not (numbers[:2] > 0.0).all():
             self.fail(field, "has a focal length that is not positive")
         return numbers
 
     def resolution(self, field: Any) -> tuple[int, int]:
-        """Width and height in pixels."""
+        """Return width and height in pixels."""
         width, height = self.array(field, (2,))
         for size in (width, height):
             if not (1 <= size <= LARGEST_SIDE and size == int(size)):
@@ -100,7 +100,7 @@ class Fields:
         return int(width), int(height)
 
     def distortion(self) -> tuple[DistortionModel, NDArray[np.float64]]:
-        """distortion_model and distortion_coeffs, as kalibr names them."""
+        """Return distortion_model and distortion_coeffs, named as in kalibr."""
         model = self.get("distortion_model")
         if not isinstance(model, str) or model not in COEFFICIENTS:
             self.fail("distortion_model", f"is {model!r}; known are {', '.join(COEFFICIENTS)}")
@@ -110,7 +110,7 @@ class Fields:
         return model, self.array("distortion_coeffs", *shapes)
 
     def camera(self, intrinsics: str = "intrinsics") -> Camera:
-        """One camera with kalibr's names, not rectified yet."""
+        """Return one camera, not rectified yet, from fields named as in kalibr."""
         K = self.intrinsics(intrinsics)
         model, distortion = self.distortion()
         return Camera(self.resolution("resolution"), K, model, distortion, np.eye(3))
@@ -128,7 +128,7 @@ def load_fields(path: Path, expected: str = "a kalibr camchain") -> Fields:
     kind = "JSON" if path.suffix == ".json" else "YAML"
     try:
         values = json.loads(text) if kind == "JSON" else yaml.safe_load(_plain_yaml(text))
-    except Exception as error:  # PyYAML lets many kinds through: of recursion, of odd tags, ...
+    except Exception as error:  # PyYAML raises many kinds: for deep recursion, unknown tags, ...
         mark = getattr(error, "problem_mark", None)
         line = f" at line {mark.line + 1}" if mark else ""
         raise InputError(f"{path}: is not valid {kind}{line}; give {expected}") from error
@@ -147,7 +147,7 @@ def _text(path: Path, expected: str) -> str:
 
 
 def _plain_yaml(text: str) -> str:
-    """YAML without the first line that OpenCV writes, and without its tag of matrices."""
+    """Return the YAML without OpenCV's first line and without its tags of matrices."""
     if text.startswith("%YAML:"):
         text = text.partition("\n")[2]
     return text.replace("!!opencv-matrix", "")

@@ -1,4 +1,4 @@
-"""Find out which kind of calibration a file is, and find one beside a recording."""
+"""Recognise the kind of a calibration file, and find one beside a recording."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ BESIDE = (
     "*camchain*.yml",
     "left.yaml",
 )
-"""Calibrations that are found by their names, in the recording's folder and those above it."""
+"""Names of calibrations that are found in the recording's folder and those above it."""
 
 FOLDERS_ABOVE = 3
 
 Calibration = Path | str | StereoRig | None
-"""A file, a rig, or None for what the recording holds or what lies beside it."""
+"""A file, a rig, or None for the calibration in the recording or beside it."""
 
 
 class MissingCalibrationError(InputError):
@@ -70,7 +70,7 @@ def read_calibration(path: Path | str) -> StereoRig:
 
 
 def rig_for(recording: Path, calibration: Calibration, format_name: str) -> StereoRig:
-    """The rig of the given calibration, or of the only one that lies beside the recording.
+    """Return the rig of the given calibration, or of the only one beside the recording.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def rig_for(recording: Path, calibration: Calibration, format_name: str) -> Ster
 
 
 def calibrations_beside(recording: Path) -> list[Path]:
-    """Calibrations in the nearest folder that has any."""
+    """Return the calibrations in the nearest folder that has any."""
     folder = recording.absolute() if recording.is_dir() else recording.absolute().parent
     for place in (folder, *folder.parents[:FOLDERS_ABOVE]):
         found = [file for pattern in BESIDE for file in sorted(place.glob(pattern))]

@@ -1,4 +1,4 @@
-"""Stereo calibration from a kalibr camchain, with or without MVSEC's rectification."""
+"""Read the stereo rig of a kalibr camchain, with or without MVSEC's rectification."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def read_kalibr(path: Path | str) -> StereoRig:
     """Read the stereo rig of cam0 (left) and cam1 (right).
 
     The rectification is that of the file (rectification_matrix and projection_matrix, as MVSEC
-    adds them); a camchain without gets OpenCV's, from cam1's T_cn_cnm1 (left to right).
+    adds them). Without them it is OpenCV's, from cam1's T_cn_cnm1 (left to right).
 
     Raises
     ------
@@ -26,7 +26,7 @@ def read_kalibr(path: Path | str) -> StereoRig:
 
 
 def kalibr_rig(camchain: Fields) -> StereoRig:
-    """The rig of a camchain's fields."""
+    """Return the rig of a camchain's fields."""
     left, right = camchain.mapping("cam0"), camchain.mapping("cam1")
     cameras = _camera(left), _camera(right)
     if any(name in camera.values for camera in (left, right) for name in RECTIFICATION):
@@ -37,7 +37,7 @@ def kalibr_rig(camchain: Fields) -> StereoRig:
 
 
 def _camera(fields: Fields) -> Camera:
-    """One camera, not rectified yet."""
+    """Return one camera, not rectified yet."""
     if fields.get("camera_model") != "pinhole":
         fields.fail("camera_model", f"is {fields.values['camera_model']!r}; only pinhole is known")
     return fields.camera()

@@ -1,4 +1,4 @@
-"""M3ED's calibration, which travels inside its HDF5 files."""
+"""Read M3ED's calibration, which is part of its HDF5 files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ EXPECTED = "a kalibr camchain, or an HDF5 file of M3ED with the calibration"
 
 
 def read_m3ed(path: Path) -> StereoRig:
-    """The rig of prophesee/left and prophesee/right of a file of M3ED."""
+    """Read the rig of prophesee/left and prophesee/right of an M3ED file."""
     with open_hdf5(path) as file:
         left, right = (_fields(file, f"prophesee/{side}/calib") for side in ("left", "right"))
     T_left_right = right.transform("T_to_prophesee_left")
@@ -34,7 +34,7 @@ def read_m3ed(path: Path) -> StereoRig:
 
 
 def _fields(file: h5py.File, group: str) -> Fields:
-    """The datasets of a camera's calibration as fields."""
+    """Return the datasets of a camera's calibration as fields."""
     path = Path(file.filename)
     values = {
         name: _value(file[f"{group}/{name}"]) for name in NAMES if holds(file, f"{group}/{name}")

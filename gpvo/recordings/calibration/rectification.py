@@ -1,4 +1,4 @@
-"""From two calibrated cameras to one rectified rig."""
+"""Make a rectified rig from two calibrated cameras."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
 def rectified_rig(
     left: Camera, right: Camera, T_right_left: NDArray[np.float64], fields: Fields, source: str
 ) -> StereoRig:
-    """The rig with OpenCV's rectification, with zero disparity at infinity.
+    """Return the rig with OpenCV's rectification, with zero disparity at infinity.
 
     Parameters
     ----------
     T_right_left
         (4, 4), takes points of the left camera to the right one.
     fields, source
-        Where the transform stands, for messages.
+        Place of the transform, for error messages.
     """
     R, t = T_right_left[:3, :3].copy(), T_right_left[:3, 3:].copy()
     fields.check_rotation(source, R)
@@ -46,9 +46,9 @@ def rectified_rig(
 def projected_rig(
     left: Camera, right: Camera, R_rect: Pair, P: Pair, fields: Fields, source: str
 ) -> StereoRig:
-    """The rig with given rectifying rotations (3, 3) and projections (3, 4).
+    """Return the rig with given rectifying rotations (3, 3) and projections (3, 4).
 
-    `source` is the field that a fault of the projections comes from.
+    `source` is the field that error messages about the projections name.
     """
     P_left, P_right = P
     f, cx, cy = (float(number) for number in (P_left[0, 0], P_left[0, 2], P_left[1, 2]))

@@ -45,7 +45,7 @@ class Camera:
     def rectify_points(
         self, points: NDArray[np.float64], K_rect: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Rectified pixels (N, 2) of raw pixels (N, 2)."""
+        """Return the rectified pixels (N, 2) of raw pixels (N, 2)."""
         raw = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2)
         if self.distortion_model == "equidistant":
             rectified = cv2.fisheye.undistortPoints(
@@ -56,7 +56,7 @@ class Camera:
         return np.asarray(rectified).reshape(-1, 2)
 
     def rectification_table(self, K_rect: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(height, width, 2) rectified pixel (u, v) of every raw pixel."""
+        """Return the rectified pixel (u, v) of every raw pixel, (height, width, 2)."""
         width, height = self.resolution
         rows, columns = np.mgrid[0:height, 0:width]
         pixels = np.stack([columns.ravel(), rows.ravel()], axis=1).astype(np.float64)

@@ -1,4 +1,4 @@
-"""A stand-in for the rig of cameras that nobody has calibrated: lets their events be looked at."""
+"""Placeholder for the rig of uncalibrated cameras, so that their events can be read."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 
 LARGEST = (65535, 65535)
-"""Every pixel that uint16 can name lies on this sensor."""
+"""Largest resolution of uint16 pixels; 65535 marks an invalid pixel."""
 
 _CAMERA = Camera(LARGEST, np.array([1.0, 1.0, 0.0, 0.0]), "none", np.zeros(4), np.eye(3))
 

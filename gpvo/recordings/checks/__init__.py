@@ -1,1 +1,1 @@
-"""What can be wrong with a recording: columns, order of time, clocks, sensor size."""
+"""Checks of recordings: columns, time order, clocks, sensor size."""

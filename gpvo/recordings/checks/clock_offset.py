@@ -1,4 +1,4 @@
-"""Do both cameras see their events at the same time? Their event rates tell."""
+"""Estimate the offset between the cameras' clocks from their event rates."""
 
 from __future__ import annotations
 
@@ -7,22 +7,24 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 LONGEST_OFFSET = 2000
-"""Milliseconds looked at, both ways."""
+"""Largest offset that is searched for in both directions, milliseconds."""
 
 SMOOTHING = 500
-"""Milliseconds; slower changes of the rate say little about time."""
+"""Milliseconds; slower changes of the rate carry little information about the offset."""
 
 FEWEST_BINS = 200
 CLEAR_PEAK = 0.3
-"""Correlation of rates from which an offset is credible, and its least gain over none."""
+"""Least correlation of the rates at a credible offset."""
 
 CLEAR_GAIN = 0.1
+"""Least gain of this correlation over that without an offset."""
+
 SMALLEST_OFFSET = 4
-"""Milliseconds; rates of cameras apart from each other differ by about so much."""
+"""Milliseconds; the distance between the cameras alone shifts the rates by about this much."""
 
 
 def clock_offset(left: NDArray[np.int64], right: NDArray[np.int64]) -> float | None:
-    """Seconds by which the right camera's stamps are late, or None if nothing speaks for any.
+    """Return the delay of the right camera's stamps in seconds, or None without a clear one.
 
     Parameters
     ----------
@@ -47,6 +49,6 @@ def clock_offset(left: NDArray[np.int64], right: NDArray[np.int64]) -> float | N
 
 
 def _fluctuation(counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Rate without its slow part; the root keeps bursts from deciding alone."""
+    """Return the event rate without its slow part; the root limits the weight of bursts."""
     rate = np.sqrt(counts.astype(np.float64))
     return rate - uniform_filter1d(rate, SMOOTHING)

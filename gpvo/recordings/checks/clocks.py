@@ -1,4 +1,4 @@
-"""One clock for both cameras, where the stamps are those of the sensors."""
+"""Align the clocks of both cameras if their stamps are sensor times."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ LARGEST_DELAY_NS = 100_000_000
 def common_clock(
     left: EventStream, right: EventStream, left_first_ns: int, right_first_ns: int
 ) -> tuple[tuple[int, int], list[str]]:
-    """What to add to the stamps of both streams, and notes on it.
+    """Return the nanoseconds to add to the stamps of both streams, and notes for the user.
 
-    Sensors that share a clock stay in step to the microsecond; only wraps of that clock, which
-    one camera may have counted before the recording began, are undone. Times of arrival place
-    the recording in absolute time; they replace the sensors' clocks only where these differ.
+    Sensors that share a clock agree to the microsecond. Only wraps of this clock, which one
+    camera may have counted before the recording began, are corrected. Arrival times place the
+    recording in absolute time; they replace the sensors' clocks only if these differ.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ LATEST_SECONDS = 9e9
 """About the year 2255; later stamps do not fit into int64 nanoseconds."""
 
 LONGEST_SECONDS = 1e6
-"""Eleven days; no recording lasts longer, but one with times in microseconds seems to."""
+"""Eleven days; a recording that seems longer probably has its times in microseconds."""
 
 
 def check_times(
@@ -28,7 +28,7 @@ def check_times(
     before
         Time of the row before the first; -inf if there is none.
     where
-        File and field, to begin the message with.
+        File and field; the start of the message.
     """
     bad = ~(np.abs(seconds) < LATEST_SECONDS)
     if bad.any():
@@ -49,7 +49,7 @@ def check_times(
 def pixels(
     coordinate: NDArray[np.float64], size: int, axis: str, where: str, first_row: int
 ) -> NDArray[np.uint16]:
-    """(N,) uint16 pixel columns or rows; InputError unless whole numbers from 0 to size - 1."""
+    """Return pixels (N,) uint16; raise InputError unless whole numbers from 0 to size - 1."""
     with np.errstate(invalid="ignore"):
         whole = coordinate.astype(np.uint16)
     bad = (whole != coordinate) | (whole >= size)
@@ -65,7 +65,7 @@ def pixels(
 
 
 def polarities(polarity: NDArray[np.float64], where: str, first_row: int) -> NDArray[np.bool_]:
-    """(N,) bool, True for 1 and False for -1 or 0; InputError for anything else."""
+    """Return (N,) bool, True for 1 and False for -1 or 0; raise InputError for other values."""
     on = polarity == 1.0
     bad = ~(on | (polarity == -1.0) | (polarity == 0.0))
     if bad.any():

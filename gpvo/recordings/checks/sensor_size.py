@@ -1,4 +1,4 @@
-"""Do the events fill the sensor that the calibration describes?"""
+"""Check that the events fill the calibrated sensor."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from gpvo.errors import InputError
 from gpvo.recordings.base import Recording
 
 ENOUGH_EVENTS = 30_000
-"""By then every sensor has had events near its borders, be it of noise."""
+"""Number after which every sensor has had events near its borders, at least from noise."""
 SMALLEST_SHARE = 0.75
-"""Of the calibrated width and height; sensors of one family differ by more."""
+"""Share of the calibrated width and height; sensors of one family differ by more."""
 
 
 def check_sensor_size(recording: Recording, calibration: Path | str | None) -> None:
@@ -21,7 +21,7 @@ def check_sensor_size(recording: Recording, calibration: Path | str | None) -> N
     Raises
     ------
     InputError
-        If both axes are used up to a fraction only: the calibration is that of a larger sensor.
+        If the events use only a part of both axes: the calibration is of a larger sensor.
     """
     used, count = np.zeros(2), 0
     for batch in recording.event_batches():

@@ -1,4 +1,4 @@
-"""Put a stream's events in order of time: small disorder is sorted, absurd stamps are dropped."""
+"""Put events in time order: sort small disorder, and drop events with absurd stamps."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 from gpvo.recordings.streams import EventBlock, Faults
 
 DISORDER_NS = 10_000_000
-"""Events that are late or early by less are sorted; others have a damaged stamp."""
+"""Events that are late or early by less than this are sorted; others have damaged stamps."""
 
 LONGEST_GAP_NS = 60_000_000_000
 FEWEST_AFTER_GAP = 16
-"""A camera always has noise: fewer events, that far from all others, have damaged stamps."""
+"""A camera always has noise: fewer events beyond such a gap have damaged stamps."""
 
 HELD_BACK = 4096
-"""Events of a block that wait for the next one, to tell whether they fit to what follows."""
+"""Number of events at the end of a block that wait until the next block confirms them."""
 
 SORTED = "events out of order of time by less than 10 ms were sorted"
 DROPPED = "events with stamps that do not fit to those around them were left out"
 
 
 def in_order(blocks: Iterator[EventBlock], faults: Faults) -> Iterator[EventBlock]:
-    """Yield the same events in order of time, without those whose stamps make no sense.
+    """Yield the events in time order, without those that have absurd stamps.
 
-    What fits is the longest sequence of events whose stamps do not decrease, as fewest events
-    are accused then. Events are yielded once those that follow have confirmed them.
+    The longest sequence of events with non-decreasing stamps is taken as correct, as the fewest
+    events are dropped then. Events are yielded once the following ones have confirmed them.
     """
     held: EventBlock | None = None
     before = np.iinfo(np.int64).min
@@ -47,7 +47,7 @@ def in_order(blocks: Iterator[EventBlock], faults: Faults) -> Iterator[EventBloc
 
 
 def _settled(t_ns: NDArray[np.int64]) -> int:
-    """How many events can be given away: those that no later block can come before."""
+    """Return the number of events that no event of a later block can precede."""
     if len(t_ns) <= HELD_BACK:
         return 0
     # A stamp from the future among those held back must not decide what is recent.
@@ -56,7 +56,7 @@ def _settled(t_ns: NDArray[np.int64]) -> int:
 
 
 def _ordered(block: EventBlock, before: int, faults: Faults) -> EventBlock:
-    """One block in order, from the time `before` on."""
+    """Return one block in time order, from the time `before` on."""
     t_ns = block.t_ns
     steps = np.diff(t_ns)
     if t_ns[0] >= before and (
@@ -74,7 +74,7 @@ def _ordered(block: EventBlock, before: int, faults: Faults) -> EventBlock:
 
 @njit(cache=True)
 def longest_nondecreasing(t_ns, before):  # type: ignore[no-untyped-def]
-    """(M,) int64 indices of a longest non-decreasing subsequence of values from `before` on."""
+    """Return indices (M,) int64 of a longest non-decreasing subsequence of values >= before."""
     count = len(t_ns)
     tails = np.empty(count, np.int64)
     previous = np.full(count, -1, np.int64)
@@ -107,7 +107,7 @@ def longest_nondecreasing(t_ns, before):  # type: ignore[no-untyped-def]
 def _without_islands(
     chain: NDArray[np.int64], t_ns: NDArray[np.int64], before: int
 ) -> NDArray[np.int64]:
-    """The chain without the few events that stand far from all others."""
+    """Return the chain without small groups of events that are far from all others."""
     if len(chain) == 0:
         return chain
     breaks = np.flatnonzero(_gaps(t_ns[chain]) > LONGEST_GAP_NS) + 1
@@ -120,14 +120,14 @@ def _without_islands(
 
 
 def _gaps(t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Differences that cannot overflow; stamps may be anything."""
+    """Return differences as float64, which cannot overflow, as damaged stamps may be anything."""
     return np.diff(t_ns.astype(np.float64))
 
 
 def _near_chain(
     t_ns: NDArray[np.int64], chain: NDArray[np.int64], before: int
 ) -> NDArray[np.bool_]:
-    """Which events belong to the chain or lie within the sortable disorder around it."""
+    """Return which events belong to the chain or lie within the sortable disorder around it."""
     if len(chain) == 0:
         return np.zeros(len(t_ns), bool)
     place = np.clip(np.searchsorted(chain, np.arange(len(t_ns)), side="right") - 1, 0, None)

@@ -13,7 +13,7 @@ from gpvo.recordings.streams import EventBlock
 
 
 class Evt2:
-    """EVT2, 32-bit words; stamps are the sensor's microseconds, 34 bits, 4.8 hours."""
+    """Decoder of EVT2, 32-bit words; stamps are the sensor's microseconds, 34 bits (4.8 hours)."""
 
     word = np.dtype("<u4")
 
@@ -21,12 +21,12 @@ class Evt2:
         self._state = np.array([-1], np.int64)
 
     def decode(self, words: NDArray[np.uint32]) -> Iterator[EventBlock]:
-        """Events of consecutive words; t_ns is in nanoseconds of the sensor's clock."""
+        """Yield the events of consecutive words; t_ns is the sensor's time in nanoseconds."""
         yield from decoded(_evt2, words, self._state)
 
 
 class Evt21:
-    """EVT2.1, 64-bit words of up to 32 pixels of a row; stamps as EVT2's.
+    """Decoder of EVT2.1, 64-bit words of up to 32 pixels of a row; stamps like those of EVT2.
 
     Parameters
     ----------
@@ -41,22 +41,22 @@ class Evt21:
         self._state = np.array([-1], np.int64)
 
     def decode(self, words: NDArray[np.uint64]) -> Iterator[EventBlock]:
-        """Events of consecutive words; t_ns is in nanoseconds of the sensor's clock."""
+        """Yield the events of consecutive words; t_ns is the sensor's time in nanoseconds."""
         yield from decoded(_evt21, halves_swapped(words) if self._legacy else words, self._state)
 
 
 def halves_swapped(words: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """The lower 32 bits of every word above the upper ones."""
+    """Return the words with their lower and upper 32 bits swapped."""
     return words << np.uint64(32) | words >> np.uint64(32)
 
 
 def looks_legacy(words: NDArray[np.uint64]) -> bool:
-    """Whether the clock of EVT2.1 goes on evenly if its words are read as legacy ones only."""
+    """Return whether the clock of EVT2.1 is more even if its words are read as legacy ones."""
     return _clock_steps(halves_swapped(words)) > _clock_steps(words)
 
 
 def _clock_steps(words: NDArray[np.uint64]) -> int:
-    """How many TIME_HIGH are later than the one before, by less than a second."""
+    """Return the number of TIME_HIGH that are later than the one before, by less than a second."""
     heads = (words >> np.uint64(32)).astype(np.int64)
     steps = np.diff(heads[heads >> 28 == 8])
     return int(np.count_nonzero((steps > 0) & (steps << 6 < 1_000_000)))

@@ -1,7 +1,7 @@
-"""Decoder of Prophesee's byte stream EVT3, and how the kernels of all EVT are run.
+"""Decoder of Prophesee's byte stream EVT3, and the loop that runs the kernels of all EVT.
 
-A decoder keeps what a stream carries from one packet to the next (row, time, vector base) and takes
-packets of any length, whole words.
+A decoder keeps the state that continues from one packet to the next (row, time, vector base). A
+packet has any number of whole words.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ WRAP_US = 1 << 24
 """EVT3's clock starts again after 16.777 s."""
 
 CAPACITY = 1 << 19
-"""Events decoded at once."""
+"""Number of events decoded at once."""
 
 LARGEST_VECTOR = 32
-"""Events of one word, EVT2.1's."""
+"""Largest number of events in one word, that of EVT2.1."""
 
 LARGEST_STEP = 64
-"""Steps of EVT3's TIME_HIGH (4.096 ms each); one farther away may be damage."""
+"""Steps of EVT3's TIME_HIGH (4.096 ms each); a larger jump may be damage."""
 
 LARGEST_JITTER = 10
-"""Steps that EVT3's TIME_HIGH may go back without its clock having wrapped."""
+"""Steps that EVT3's TIME_HIGH may go back without a wrap of its clock."""
 
 Y, BASE, BASE_POLARITY, HIGH, LOW, WRAPS, READY, TRUSTED_HIGH, TRUSTED_WRAPS = range(9)
-"""Places in the state of EVT3."""
+"""Indices of the state of EVT3."""
 
 
 class Evt3:
-    """EVT3, 16-bit words; stamps are the sensor's microseconds, unwrapped.
+    """Decoder of EVT3, 16-bit words; stamps are the sensor's microseconds, unwrapped.
 
     Events before the first TIME_HIGH and TIME_LOW have no time and are skipped.
     """
@@ -48,15 +48,15 @@ class Evt3:
         self._last_us = -1
 
     def decode(self, words: NDArray[np.uint16]) -> Iterator[EventBlock]:
-        """Events of consecutive words; t_ns is in nanoseconds of the sensor's clock."""
+        """Yield the events of consecutive words; t_ns is the sensor's time in nanoseconds."""
         yield from decoded(_evt3, words, self._state)
 
     def skip(self, words: NDArray[np.uint16]) -> None:
-        """Go over consecutive words for their times only, several times faster."""
+        """Read only the times of consecutive words, several times faster than decoding."""
         self._last_us = _evt3_times(words, self._state, self._last_us)
 
     def last_event(self) -> EventBlock:
-        """Time of the last event that was skipped (its pixel is not known); empty without one."""
+        """Return the last skipped event, of which only the time is known; empty without one."""
         t_ns = np.array([self._last_us * 1000] if self._last_us >= 0 else [], np.int64)
         pixel = np.zeros(len(t_ns), np.uint16)
         return EventBlock(pixel, pixel, t_ns, pixel > 0)
@@ -65,7 +65,7 @@ class Evt3:
 def decoded(
     kernel: Callable[..., Any], words: NDArray[Any], state: NDArray[np.int64]
 ) -> Iterator[EventBlock]:
-    """Run a kernel until all words are used; it stops where its buffers are full."""
+    """Run a kernel until all words are used, and yield the events of each full buffer."""
     used = 0
     while used < len(words):
         size = min(CAPACITY, LARGEST_VECTOR * (len(words) - used)) + LARGEST_VECTOR
@@ -121,7 +121,7 @@ def _evt3(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-
 
 @njit(cache=True)
 def _evt3_times(words, state, last_us):  # type: ignore[no-untyped-def]
-    """Follow the time; microseconds of the last event."""
+    """Update the time in `state` and return the time of the last event in microseconds."""
     now = np.int64(-1)
     if state[READY] == 1:
         now = state[WRAPS] * WRAP_US + state[HIGH] * 4096 + state[LOW]
@@ -144,7 +144,7 @@ def _evt3_times(words, state, last_us):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _time_high(high, state):  # type: ignore[no-untyped-def]
-    """Take a TIME_HIGH over; after a jump that the next one does not confirm, go back."""
+    """Update the state by a TIME_HIGH; undo a jump that the next one does not confirm."""
     if state[HIGH] < 0:
         state[HIGH] = high
     elif _follows(state[HIGH], high):
@@ -167,7 +167,7 @@ def _follows(previous, high):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _advance(previous, wraps, high, state):  # type: ignore[no-untyped-def]
-    """Count a wrap where the counter starts again, and take it back where it only jitters."""
+    """Count a wrap if the counter starts again, and undo the wrap if the counter only jitters."""
     jitters = (high - previous) & 0xFFF >= 4096 - LARGEST_JITTER
     if jitters and high > previous:
         wraps -= 1

@@ -13,7 +13,7 @@ from gpvo.recordings.streams import EventBlock
 
 
 class LibcaerPacked:
-    """libcaer_cmp, 16-bit words; times start again from the time base with every packet."""
+    """Decoder of libcaer_cmp, 16-bit words; the times of each packet start at its time base."""
 
     word = np.dtype("<u2")
 
@@ -21,7 +21,7 @@ class LibcaerPacked:
         self._state = np.zeros(5, np.int64)
 
     def decode(self, words: NDArray[np.uint16], time_base_ns: int) -> Iterator[EventBlock]:
-        """Events of one packet, absolute stamps."""
+        """Yield the events of one packet, with absolute stamps."""
         self._state[3:] = 0
         for block in decoded(_libcaer_packed, words, self._state):
             t_ns = block.t_ns + time_base_ns // 1000 * 1000
@@ -29,7 +29,7 @@ class LibcaerPacked:
 
 
 def records(data: NDArray[np.uint8], time_base_ns: int) -> EventBlock:
-    """Events of one packet of libcaer's own 8-byte records, absolute stamps."""
+    """Return the events of one packet of libcaer's own 8-byte records, with absolute stamps."""
     table = data.view(np.dtype([("data", "<u4"), ("ts", "<i4")]))
     bits, ts = table["data"], table["ts"].astype(np.int64)
     rolls = np.concatenate([[0], np.cumsum(np.diff(ts) < 0)]) if len(ts) else ts
@@ -39,7 +39,7 @@ def records(data: NDArray[np.uint8], time_base_ns: int) -> EventBlock:
 
 
 def mono(data: NDArray[np.uint8], time_base_ns: int) -> EventBlock:
-    """Events of one packet of 8-byte records with nanoseconds since the time base."""
+    """Return the events of one packet of 8-byte records with nanoseconds since the time base."""
     bits = data.view("<u8")
     x, y = (bits >> np.uint64(32)) & np.uint64(0xFFFF), (bits >> np.uint64(48)) & np.uint64(0x7FFF)
     t_ns = time_base_ns + (bits & np.uint64(0xFFFFFFFF)).astype(np.int64)

@@ -1,4 +1,4 @@
-"""AEDAT4 of iniVation's DV: both cameras in one file, or a file for each."""
+"""Read AEDAT4 of iniVation's DV: both cameras in one file, or one file for each."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from gpvo.recordings.streams import DAMAGED, EventBlock, EventStream, Faults
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 COMPRESSIONS = ("none", "lz4", "lz4", "zstd", "zstd")
-"""By the number in the header."""
+"""Compressions by their number in the header."""
 
 LARGEST_PACKET = 1 << 27
-"""Bytes of a packet; unpacked ones may not be larger."""
+"""Bytes; unpacked packets may not be larger."""
 
 BLOCK_EVENTS = 1 << 16
 LAST_PACKETS = 8
@@ -39,7 +39,7 @@ EVENT = np.dtype(
 
 
 def is_aedat4(path: Path) -> bool:
-    """Whether a file begins like AEDAT4, or a folder holds such files."""
+    """Return whether a file begins like AEDAT4, or a folder contains such files."""
     if path.is_dir():
         return any(is_aedat4(file) for file in files_of(path, (".aedat4",)))
     with path.open("rb") as file:
@@ -77,7 +77,7 @@ class _Packet(NamedTuple):
 
 @dataclass
 class Aedat4:
-    """An AEDAT4 file; where its packets are is found by walking over it.
+    """An AEDAT4 file, whose packets are found by walking through it.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Aedat4:
         self._packets = self._walk(len(MAGIC) + 4 + size, table_at)
 
     def packets(self, number: int, faults: Faults, backwards: bool = False) -> Iterator[EventBlock]:
-        """Events of each packet of a stream."""
+        """Yield the events of each packet of a stream."""
         with self.path.open("rb") as file:
             for packet in reversed(self._packets) if backwards else self._packets:
                 if packet.stream == number:
@@ -183,7 +183,7 @@ class Aedat4Stream(EventStream):
 
 
 def _only_stream(path: Path) -> Aedat4Stream:
-    """The event stream of a file of one camera."""
+    """Return the event stream of a file of one camera."""
     file = Aedat4(path)
     if len(file.sensors) != 1:
         listing = ", ".join(file.sensors) or "none"
@@ -192,7 +192,7 @@ def _only_stream(path: Path) -> Aedat4Stream:
 
 
 def _sensors(description: str) -> dict[str, Sensor]:
-    """Event streams in the XML of the header."""
+    """Return the event streams in the XML of the header."""
     if "<!" in description:
         raise ValueError("the description declares entities")
     sensors: dict[str, Sensor] = {}
@@ -209,14 +209,14 @@ def _sensors(description: str) -> dict[str, Sensor]:
 
 
 class FlatTable:
-    """A table of FlatBuffers, the few parts of it that AEDAT4 needs.
+    """A table of FlatBuffers, with only the functions that AEDAT4 needs.
 
     Positions are checked, as buffers may be damaged.
 
     Raises
     ------
     struct.error
-        Where a position lies outside of the buffer.
+        If a position lies outside of the buffer.
     """
 
     def __init__(self, buffer: bytes, position: int) -> None:
@@ -226,16 +226,16 @@ class FlatTable:
 
     @staticmethod
     def root(buffer: bytes) -> FlatTable:
-        """The root table of a size-prefixed buffer."""
+        """Return the root table of a size-prefixed buffer."""
         return FlatTable(buffer, 4 + int(_unpack("<I", buffer, 4)))
 
     def scalar(self, number: int, code: str, default: int) -> int:
-        """A number, given its struct code."""
+        """Return a number, given its struct code, or the default if it is left out."""
         at = self._field(number)
         return default if at is None else int(_unpack("<" + code, self.buffer, at))
 
     def vector(self, number: int, item_size: int) -> memoryview:
-        """Bytes of a vector or string; empty if it is left out."""
+        """Return the bytes of a vector or string; empty if it is left out."""
         at = self._field(number)
         if at is None:
             return memoryview(b"")

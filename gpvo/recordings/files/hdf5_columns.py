@@ -1,4 +1,4 @@
-"""HDF5 with one dataset per column of the events: DSEC, TUM-VIE, VECtor, M3ED, event_utils."""
+"""Read HDF5 with one dataset per event column: DSEC, TUM-VIE, VECtor, M3ED, event_utils."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LAST_ROWS = 1 << 14
 
 @dataclass(frozen=True)
 class Layout:
-    """Names of a camera's datasets; times are seconds (float) or else microseconds."""
+    """Names of a camera's datasets; float times are seconds, others microseconds."""
 
     x: str
     y: str
@@ -34,7 +34,7 @@ class Layout:
 
     @staticmethod
     def of(group: str, names: str = "xytp", index: str = "ms_to_idx") -> Layout:
-        """Columns x, y, t, p (or xs, ys, ts, ps) of a group."""
+        """Return the layout of columns x, y, t, p (or xs, ys, ts, ps) in a group."""
         plural = "s" if names.endswith("s") else ""
         x, y, t, polarity = (f"{group}/{column}{plural}" for column in "xytp")
         return Layout(x, y, t, polarity, index, "t_offset")
@@ -49,12 +49,12 @@ M3ED = {
 
 
 class ColumnStream(EventStream):
-    """The events of one camera in columns.
+    """Event stream of one camera in columns.
 
     Raises
     ------
     InputError
-        If a column is missing, has another length than the others, or no sensible type.
+        If a column is missing, differs in length from the others, or does not hold numbers.
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
@@ -82,7 +82,7 @@ class ColumnStream(EventStream):
 
 @dataclass(frozen=True)
 class _Columns:
-    """Opened datasets of one camera."""
+    """Open datasets of one camera."""
 
     x: h5py.Dataset
     y: h5py.Dataset
@@ -109,7 +109,7 @@ class _Columns:
         return len(self.t)
 
     def block(self, first: int, stop: int) -> EventBlock:
-        """Events of some rows."""
+        """Return the events of rows first to stop - 1."""
         return EventBlock(
             _pixels(read_rows(self.x, first, stop)),
             _pixels(read_rows(self.y, first, stop)),
@@ -118,7 +118,7 @@ class _Columns:
         )
 
     def first_row(self, start_ns: int) -> int:
-        """First row from a stamp on; bisection where the file has no index that holds."""
+        """Return the first row from a stamp on, by bisection if the file has no valid index."""
         millisecond = (start_ns - self.offset_ns) // 1_000_000
         if self.index is not None and 0 <= millisecond < len(self.index):
             row = int(read_rows(self.index, millisecond, millisecond + 1)[0])
@@ -128,7 +128,7 @@ class _Columns:
         return bisect_left(range(self.rows), start_ns, key=self._stamp)
 
     def _splits(self, row: int, edge_ns: int) -> bool:
-        """Whether the rows before `row`, and only they, are earlier."""
+        """Return whether the rows before `row`, and only they, are earlier than `edge_ns`."""
         starts = row == self.rows or self._stamp(row) >= edge_ns
         return starts and (row == 0 or self._stamp(row - 1) < edge_ns)
 
@@ -156,7 +156,7 @@ def _usable_index(index: Any) -> h5py.Dataset | None:
 
 
 def _scalar(file: h5py.File, name: str, where: str) -> int:
-    """A number that may stand in an array of one; 0 where there is none."""
+    """Return a number, which may be in an array of one; 0 if there is none."""
     if not holds(file, name):
         return 0
     try:
@@ -167,7 +167,7 @@ def _scalar(file: h5py.File, name: str, where: str) -> int:
 
 
 def _pixels(values: NDArray[Any]) -> NDArray[np.uint16]:
-    """uint16; what does not fit becomes 65535, outside of every sensor."""
+    """Return uint16 pixels; values that do not fit become 65535, outside of every sensor."""
     if values.dtype == np.uint16:
         return values
     with np.errstate(invalid="ignore"):

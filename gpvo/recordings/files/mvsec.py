@@ -1,4 +1,4 @@
-"""MVSEC's HDF5: one table of x, y, t, polarity for each camera of a pair of DAVIS346."""
+"""Read MVSEC's HDF5: one table of x, y, t, polarity for each camera of a pair of DAVIS346."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BLOCK_ROWS = 1 << 19
 
 
 def is_mvsec(path: Path) -> bool:
-    """Whether an HDF5 file has MVSEC's group of cameras; InputError if it is damaged."""
+    """Return whether an HDF5 file has MVSEC's group of cameras; raise InputError if damaged."""
     if not h5py.is_hdf5(path):
         return False
     with open_hdf5(path) as file:
@@ -32,7 +32,7 @@ def is_mvsec(path: Path) -> bool:
 
 
 class MvsecRecording(Recording):
-    """`*_data.hdf5` of MVSEC (Zhu et al., RA-L 2018), calibrated by a file of its own.
+    """Recording `*_data.hdf5` of MVSEC (Zhu et al., RA-L 2018), calibrated by a separate file.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ class MvsecRecording(Recording):
     Raises
     ------
     InputError
-        For an unusable file or calibration. Faults of single events are found while batches are
-        read, as no dataset is ever read whole.
+        If the file or the calibration cannot be used. Faults of single events are found while
+        batches are read, as no dataset is ever read as a whole.
     """
 
     format_name = "MVSEC HDF5"
@@ -78,7 +78,7 @@ class MvsecRecording(Recording):
 
 @dataclass(frozen=True)
 class _EventTable:
-    """The events of one camera; rows are read when they are asked for."""
+    """Event table of one camera, whose rows are read on request."""
 
     dataset: h5py.Dataset
     resolution: tuple[int, int]
@@ -98,13 +98,13 @@ class _EventTable:
         return _EventTable(dataset, resolution, where)
 
     def seconds(self, row: int) -> float:
-        """Absolute time of one row."""
+        """Return the absolute time of one row in seconds."""
         time = read_column(self.dataset, TIME, row, row + 1)
         columns.check_times(time, -np.inf, self.where, row)
         return float(time[0])
 
     def span(self) -> tuple[float, float]:
-        """Times of the first and the last row."""
+        """Return the times of the first and the last row in seconds."""
         last_row = len(self.dataset) - 1
         first, last = self.seconds(0), self.seconds(last_row)
         if last < first:
@@ -115,7 +115,7 @@ class _EventTable:
         return first, last
 
     def blocks(self, origin: float, start: float) -> Iterator[Events]:
-        """Checked events from `start` on; times in seconds since `origin`."""
+        """Yield the checked events from `start` on, with times in seconds since `origin`."""
         rows = range(len(self.dataset))
         row = bisect_left(rows, start, key=lambda row: self.seconds(row) - origin)
         before = -np.inf if row == 0 else self.seconds(row - 1)
@@ -123,7 +123,7 @@ class _EventTable:
         for first_row in range(row, len(rows), BLOCK_ROWS):
             events, before = self._block(first_row, origin, before)
             if before > end:
-                # Times fall further down, behind the row where a reader of this stream may stop.
+                # Times decrease further down, perhaps after the row where a reader stops.
                 last_row = min(first_row + BLOCK_ROWS, len(rows)) - 1
                 raise InputError(
                     f"{self.where} row {rows[-1]}: time {end:.6f} s is before {before:.6f} s of"
@@ -132,7 +132,7 @@ class _EventTable:
             yield events
 
     def _block(self, first_row: int, origin: float, before: float) -> tuple[Events, float]:
-        """Events of one block and the absolute time of its last row."""
+        """Return the events of one block and the absolute time of its last row."""
         stop_row = min(first_row + BLOCK_ROWS, len(self.dataset))
         # Column by column: a third faster than whole rows on MVSEC's column-wise chunks.
         x, y, seconds, polarity = (
@@ -158,7 +158,7 @@ def _is_event_table(item: h5py.Dataset | h5py.Group) -> bool:
 def _check_stated_resolution(
     dataset: h5py.Dataset, resolution: tuple[int, int], where: str
 ) -> None:
-    """Compare the calibration with the width and height that a dataset may state of itself."""
+    """Compare the calibration with the width and height that a dataset may state."""
     try:
         stated = tuple(int(dataset.attrs.get(name, 0)) for name in ("width", "height"))
     except (*H5Error, TypeError) as error:

@@ -1,4 +1,4 @@
-"""Prophesee's HDF5: a table of events, CD/events, usually packed by a filter of its own, ECF."""
+"""Read Prophesee's HDF5: a table of events, CD/events, usually packed by its own filter ECF."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ LAST_ROWS = 1 << 14
 
 
 class TableStream(EventStream):
-    """The events of one camera in a table of x, y, p and t, microseconds.
+    """Event stream of one camera in a table of x, y, p and t, microseconds.
 
     Raises
     ------
     InputError
-        If it is no such table, or packed by ECF without Prophesee's plugin to unpack it.
+        If it is no such table, or is packed by ECF and Prophesee's plugin is missing.
     """
 
     def __init__(self, path: Path) -> None:

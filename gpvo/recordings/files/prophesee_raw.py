@@ -1,4 +1,4 @@
-"""Prophesee's raw files: EVT2, EVT2.1 and EVT3."""
+"""Read Prophesee's raw files: EVT2, EVT2.1 and EVT3."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gpvo.recordings.decoders.evt3 import WRAP_US, Evt3
 from gpvo.recordings.streams import EventBlock, EventStream, Faults
 
 VERSIONS = {"2": "2.0", "2.0": "2.0", "2.1": "2.1", "21": "2.1", "3": "3.0", "3.0": "3.0"}
-"""As headers write them, in the lines `evt` and `format`."""
+"""Versions as written in the header's lines `evt` and `format`."""
 
 Decoder = Evt2 | Evt21 | Evt3
 BLOCK_BYTES = 1 << 20
@@ -24,7 +24,7 @@ LONGEST_HEADER = 1 << 16
 
 
 def is_raw(path: Path) -> bool:
-    """Whether a file begins with Prophesee's header of lines with a percent sign."""
+    """Return whether a file begins with Prophesee's header, lines with a percent sign."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -33,7 +33,7 @@ def is_raw(path: Path) -> bool:
 
 
 class RawStream(EventStream):
-    """A raw file; its stamps are the sensor's.
+    """Event stream of a raw file, whose stamps are sensor times.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class RawStream(EventStream):
             yield from decoder.decode(words)
 
     def ends(self) -> Iterator[EventBlock]:
-        """The last event of EVT3, after a walk over the times only; else the last block."""
+        """Yield the last event of EVT3, found by reading only the times; else the last block."""
         decoder = self._decoder()
         if isinstance(decoder, Evt3):
             for words in self._words(decoder):
@@ -74,7 +74,7 @@ class RawStream(EventStream):
         return Evt3() if self._version == "3.0" else Evt2()
 
     def _words(self, decoder: Decoder, skipped: int = 0) -> Iterator[NDArray[Any]]:
-        """The file's whole words, in blocks."""
+        """Yield the file's whole words in blocks."""
         with self.path.open("rb") as file:
             file.seek(self._start + skipped)
             while data := file.read(BLOCK_BYTES):
@@ -82,14 +82,14 @@ class RawStream(EventStream):
                 yield np.frombuffer(data[:whole], decoder.word)
 
     def _is_legacy(self, header: str) -> bool:
-        """Which half of EVT2.1's words comes first; older headers do not tell."""
+        """Return whether EVT2.1's words are legacy ones; older headers do not state it."""
         if stated := re.search(r"endianness=(\w+)", header):
             return stated.group(1) == "legacy"
         return looks_legacy(next(self._words(Evt21()), np.empty(0, Evt21.word)))
 
 
 def _header(path: Path) -> tuple[str, int]:
-    """The lines of the header and where the events begin."""
+    """Return the lines of the header and the position where the events begin."""
     lines: list[str] = []
     with path.open("rb") as file:
         while True:
@@ -102,7 +102,7 @@ def _header(path: Path) -> tuple[str, int]:
 
 
 def _version(path: Path, header: str) -> str:
-    """2.0, 2.1 or 3.0."""
+    """Return the version of EVT: 2.0, 2.1 or 3.0."""
     found = re.search(r"^evt (\S+)", header, re.M) or re.search(
         r"^format EVT([^;\s]+)", header, re.M
     )

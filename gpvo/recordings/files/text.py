@@ -1,4 +1,4 @@
-"""Text files of the RPG event camera datasets: `t x y polarity` on every line, t in seconds."""
+"""Read text files of the RPG event camera datasets: lines of `t x y polarity`, t in seconds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ DAMAGED_LINES = "damaged lines were skipped"
 
 
 def is_text(path: Path) -> bool:
-    """Whether a file's first line that is no comment holds four numbers."""
+    """Return whether a file's first line, except comments, holds four numbers."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -27,7 +27,7 @@ def is_text(path: Path) -> bool:
 
 
 class TextStream(EventStream):
-    """A text file of events."""
+    """Event stream of a text file."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.where = path, str(path)
@@ -62,7 +62,7 @@ def _block(lines: list[bytes], where: str, faults: Faults) -> EventBlock:
 
 
 def _intact(lines: list[bytes], faults: Faults) -> np.ndarray:
-    """Lines of four numbers, one by one."""
+    """Parse lines one by one and return those of four numbers, (N, 4)."""
     rows = []
     for line in lines:
         content = line.split(b"#", 1)[0].split()

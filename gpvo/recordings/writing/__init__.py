@@ -1,1 +1,1 @@
-"""Recordings written in the formats that are read, and the calibration beside them."""
+"""Writers of recordings and of the calibration beside them."""

@@ -37,7 +37,7 @@ HEADER = """<dv version="2.0">
 
 
 class Aedat4Writer(RecordingWriter):
-    """Streams `left` and `right`, packed with LZ4; without the table of packets at the end."""
+    """Writer of streams `left` and `right`, packed by LZ4, without the final table of packets."""
 
     def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
         cameras = zip(SIDES, sizes, strict=True)
@@ -59,7 +59,7 @@ class Aedat4Writer(RecordingWriter):
 
 
 def io_header(description: str, compression: int) -> bytes:
-    """A size-prefixed FlatBuffer IOHeader: compression, position of the table, description."""
+    """Return a size-prefixed FlatBuffer IOHeader: compression, table position, description."""
     text = description.encode()
     # From the root offset on: identifier, vtable (4 entries), table, string.
     vtable = struct.pack("<HHHHHxx", 10, 24, 4, 8, 16)
@@ -71,11 +71,11 @@ def io_header(description: str, compression: int) -> bytes:
 
 
 def event_packet(block: EventBlock) -> bytes:
-    """A size-prefixed FlatBuffer EventPacket: a vector of events of 16 bytes."""
+    """Return a size-prefixed FlatBuffer EventPacket: a vector of events of 16 bytes."""
     events = np.zeros(len(block), EVENT)
     events["t"] = microseconds(block.t_ns)
     events["x"], events["y"], events["polarity"] = block.x, block.y, block.polarity
-    # The size before the buffer, four bytes, is part of the alignment of the events to eight.
+    # Events are aligned to eight bytes, counted from the four bytes of the size on.
     vtable = struct.pack("<HHHxx", 6, 8, 4)
     table = struct.pack("<iI", len(vtable), 4)
     vector = struct.pack("<I", len(block)) + events.tobytes()

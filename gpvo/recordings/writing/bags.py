@@ -16,7 +16,7 @@ from gpvo.recordings.streams import EventBlock
 from gpvo.recordings.writing.writer import RecordingWriter, Size
 
 PACKET_NS = 1_000_000
-"""A message each millisecond, as trackers that run in ROS expect."""
+"""One message per millisecond, as trackers that run in ROS expect."""
 
 TOPICS = ("/davis/left/events", "/davis/right/events")
 TYPE = "dvs_msgs/msg/EventArray"
@@ -44,7 +44,7 @@ bool polarity
 
 
 class RosBag1Writer(RecordingWriter):
-    """A ROS 1 bag with /davis/left/events and /davis/right/events."""
+    """Writer of a ROS 1 bag with /davis/left/events and /davis/right/events."""
 
     def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
         self._sizes = sizes
@@ -69,7 +69,7 @@ class RosBag1Writer(RecordingWriter):
 
 
 class McapWriter(RecordingWriter):
-    """An MCAP file with ROS 2 messages on /davis/left/events and /davis/right/events."""
+    """Writer of MCAP with ROS 2 messages on /davis/left/events and /davis/right/events."""
 
     def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
         self._sizes = sizes
@@ -91,7 +91,7 @@ class McapWriter(RecordingWriter):
 
 
 def packets(left: EventBlock, right: EventBlock) -> Iterator[tuple[int, EventBlock]]:
-    """Pieces of a millisecond of both cameras (0 left, 1 right), in order of time."""
+    """Yield pieces of one millisecond of both cameras (0 left, 1 right), in time order."""
     pieces = [
         (int(piece.t_ns[-1]), side, piece)
         for side, block in enumerate((left, right))
@@ -102,7 +102,7 @@ def packets(left: EventBlock, right: EventBlock) -> Iterator[tuple[int, EventBlo
 
 
 def _pieces(block: EventBlock) -> Iterator[EventBlock]:
-    """The events of each millisecond that has some."""
+    """Yield the events of each millisecond that has any."""
     milliseconds = block.t_ns // PACKET_NS
     edges = np.flatnonzero(np.diff(milliseconds)) + 1
     for first, stop in zip([0, *edges], [*edges, len(block)], strict=True):
@@ -111,7 +111,7 @@ def _pieces(block: EventBlock) -> Iterator[EventBlock]:
 
 
 def ros1_event_array(block: EventBlock, resolution: tuple[int, int]) -> bytes:
-    """A serialised ROS 1 message, stamped with its last event."""
+    """Return a serialised ROS 1 message with the stamp of its last event."""
     sec, nsec = divmod(int(block.t_ns[-1]), 10**9)
     width, height = resolution
     head = struct.pack("<IIIIIII", 0, sec, nsec, 0, height, width, len(block))
@@ -119,12 +119,12 @@ def ros1_event_array(block: EventBlock, resolution: tuple[int, int]) -> bytes:
 
 
 def cdr_event_array(block: EventBlock, resolution: tuple[int, int]) -> bytes:
-    """A serialised ROS 2 message, stamped with its last event."""
+    """Return a serialised ROS 2 message with the stamp of its last event."""
     sec, nsec = divmod(int(block.t_ns[-1]), 10**9)
     width, height = resolution
     head = struct.pack("<IiII4sIII", 0x100, sec, nsec, 1, b"", height, width, len(block))
     records = _records(block, CDR_EVENT).tobytes()
-    # The first event's x and y are followed by its time at once, the others' after two bytes.
+    # The first event has no padding before its time, the others have two bytes.
     return head + records[:4] + records[6:-1]
 
 

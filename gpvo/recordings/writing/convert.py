@@ -52,19 +52,19 @@ def convert(
     output
         File, or folder for DSEC; must not exist.
     kind
-        One of WRITERS; if None, that of the ending of `output`.
+        Key of WRITERS; if None, found from the ending of `output`.
     advance
         Called with the seconds written so far.
 
     Returns
     -------
     (left, right)
-        How many events were written.
+        Numbers of events that were written.
 
     Raises
     ------
     InputError
-        If the kind cannot be told or is unknown, or `output` exists or cannot be written.
+        If the kind is unknown or cannot be found, or `output` exists or cannot be written.
     """
     output = Path(output)
     kind = kind or kind_of(output)
@@ -90,7 +90,7 @@ def convert(
 
 
 def kind_of(output: Path) -> Kind:
-    """The format that the ending of a file's name stands for."""
+    """Return the format for the ending of a file's name."""
     if output.suffix not in ENDINGS:
         raise InputError(
             f"{output}: which format? its ending says nothing; give --to {'|'.join(get_args(Kind))}"
@@ -99,7 +99,7 @@ def kind_of(output: Path) -> Kind:
 
 
 def camchain_path(output: Path, kind: str) -> Path:
-    """Where the calibration of a converted recording is written."""
+    """Return the path of a converted recording's calibration."""
     return output / "camchain.yaml" if kind == "dsec" else output.with_suffix(".camchain.yaml")
 
 
@@ -122,7 +122,7 @@ def _write(
 
 
 def sensor_sizes(recording: Recording) -> tuple[Size, Size]:
-    """(width, height) of both cameras; zeros where neither calibration nor file has them."""
+    """Return (width, height) of both cameras; zeros if neither calibration nor file has them."""
     if recording.rig is not UNKNOWN_RIG:
         return recording.rig.left.resolution, recording.rig.right.resolution
     streams = getattr(recording, "streams", {})

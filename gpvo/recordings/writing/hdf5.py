@@ -15,11 +15,11 @@ from gpvo.recordings.writing.writer import SIDES, RecordingWriter, Size, microse
 CHUNK_ROWS = 1 << 16
 
 GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-"""What h5py reads without further filters; as small as Blosc and written as fast."""
+"""Readable by h5py without further filters; as small as Blosc and written as fast."""
 
 
 class MvsecWriter(RecordingWriter):
-    """davis/{left,right}/events, (N, 4) float64: x, y, seconds, polarity -1 or 1."""
+    """Writer of davis/{left,right}/events, (N, 4) float64: x, y, seconds, polarity -1 or 1."""
 
     def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
         self._file = h5py.File(path, "w")
@@ -48,7 +48,7 @@ class MvsecWriter(RecordingWriter):
 
 
 class DsecWriter(RecordingWriter):
-    """A folder with events/{left,right}/events.h5: columns, t_offset and ms_to_idx."""
+    """Writer of a folder with events/{left,right}/events.h5: columns, t_offset and ms_to_idx."""
 
     def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
         offset_us = start_ns // 1000
@@ -64,13 +64,13 @@ class DsecWriter(RecordingWriter):
 
 
 class _DsecFile:
-    """One camera."""
+    """File of one camera."""
 
     def __init__(self, path: Path, offset_us: int) -> None:
         path.parent.mkdir(parents=True)
         self._file, self._offset_us = h5py.File(path, "w"), offset_us
         self._file["t_offset"] = np.int64(offset_us)
-        # Longer than 71 minutes do not fit into DSEC's own uint32; int64 reads as well.
+        # DSEC's own uint32 microseconds overflow after 71 minutes; readers accept int64, too.
         kinds = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
         self._columns = {name: self._column(f"events/{name}", kinds[name]) for name in kinds}
         self._index = self._column("ms_to_idx", np.uint64)
@@ -83,7 +83,7 @@ class _DsecFile:
             _extend(column, values[name])
 
     def _append_index(self, t: NDArray[np.int64], rows: int) -> None:
-        """First row of every millisecond up to the last event's."""
+        """Append the first row of every millisecond up to that of the last event."""
         if len(t) == 0:
             return
         milliseconds = np.arange(len(self._index), t[-1] // 1000 + 1)

@@ -1,4 +1,4 @@
-"""Write recordings: what all formats have in common, and the calibration beside them."""
+"""Base of the writers of all formats, and the writer of the calibration beside them."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Size = tuple[int, int]
 
 
 class RecordingWriter(ABC):
-    """Takes a recording batch by batch.
+    """Writer of a recording, batch by batch.
 
     Parameters
     ----------
     path
-        Must not exist yet.
+        File or folder; must not exist yet.
     sizes
         (width, height) of the left and the right sensor; zeros if unknown.
     start_ns
@@ -36,7 +36,7 @@ class RecordingWriter(ABC):
 
     @abstractmethod
     def append(self, left: EventBlock, right: EventBlock) -> None:
-        """Events of the same interval, later than those before."""
+        """Append both cameras' events of one interval, later than all before."""
 
     @abstractmethod
     def close(self) -> None:
@@ -55,18 +55,18 @@ class RecordingWriter(ABC):
 
 
 def stamped(events: Events, start_ns: int) -> EventBlock:
-    """The same events with absolute stamps."""
+    """Return the same events with absolute stamps."""
     t_ns = start_ns + np.rint(events.t * 1e9).astype(np.int64)
     return EventBlock(events.x, events.y, t_ns, events.polarity)
 
 
 def microseconds(t_ns: np.ndarray) -> np.ndarray:
-    """Nearest microseconds, int64."""
+    """Return the nearest whole microseconds, int64."""
     return (t_ns + 500) // 1000
 
 
 def write_camchain(path: Path, rig: StereoRig) -> None:
-    """Write a rig as a kalibr camchain with MVSEC's rectification; read_kalibr gives it back."""
+    """Write a rig as a kalibr camchain with MVSEC's rectification, as read_kalibr reads it."""
     R_left, R_right = rig.left.R_rect, rig.right.R_rect
     T_right_left = np.eye(4)
     T_right_left[:3, :3] = R_right.T @ R_left
@@ -79,7 +79,7 @@ def write_camchain(path: Path, rig: StereoRig) -> None:
 
 
 def _fields(rig: StereoRig, camera: Camera, x: float) -> dict[str, Any]:
-    """Fields of a camera that stands x metres right of the left one."""
+    """Return the fields of a camera that is x metres to the right of the left one."""
     projection = np.column_stack([rig.K_rect, [-rig.focal_length * x, 0.0, 0.0]])
     return {
         "camera_model": "pinhole",

@@ -1,4 +1,4 @@
-"""Features followed event by event, after HASTE."""
+"""Tracking of features event by event, after HASTE."""
 
 from gpvo.tracking.haste.tracker import EventTracker
 

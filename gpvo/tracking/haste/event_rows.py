@@ -1,4 +1,4 @@
-"""The latest events of a camera, sorted so that those near a place are found at once."""
+"""Latest events of a camera, sorted so that those near a point are found quickly."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ Array = NDArray[np.float64]
 
 
 class EventRows(NamedTuple):
-    """E events by row.
+    """Table of E events, sorted by row.
 
     Attributes
     ----------
     events
         (E, 3) u, v and time; row by row, in order of time within a row.
     start
-        (height + 1,) index of every row's first event, and E.
+        (height + 1,) index of the first event of every row, then E.
     """
 
     events: Array
@@ -28,7 +28,7 @@ class EventRows(NamedTuple):
 
 @njit(cache=True)
 def event_rows(events: Array, height: int) -> EventRows:
-    """Sort events (E, 3), in order of time, by row; those outside the image are left out."""
+    """Sort events (E, 3), given in order of time, by row; drop those outside the image."""
     count = np.zeros(height + 1, np.int64)
     for i in range(len(events)):
         row = int(np.rint(events[i, 1]))
@@ -48,7 +48,11 @@ def event_rows(events: Array, height: int) -> EventRows:
 def events_around(
     rows: EventRows, first: float, last: float, centre: Array, half: tuple[float, float]
 ) -> Array:
-    """(N, 3) events from time `first` to `last`, within half sizes (u, v) of a point (2,)."""
+    """Return the events (N, 3) of a time interval in a rectangle around a point.
+
+    The interval is from time `first` to `last`. The rectangle has the half sizes (u, v) `half`
+    around the point `centre` (2,).
+    """
     low = max(0, int(np.floor(centre[1] - half[1])))
     high = min(len(rows.start) - 1, int(np.ceil(centre[1] + half[1])) + 1)
     if high <= low:
@@ -67,6 +71,9 @@ def events_around(
 
 
 def latest_around(rows: EventRows, centre: Array, half: float, most: int) -> Array:
-    """The latest `most` events (N, 3) near a point (2,), in order of time."""
+    """Return the latest events (N, 3) around a point (2,), in order of time.
+
+    At most `most` events are returned, within `half` pixels of the point along both axes.
+    """
     found = events_around(rows, -np.inf, np.inf, centre, (half, half))
     return found[np.argsort(found[:, 2], kind="stable")[-most:]]

@@ -1,8 +1,8 @@
-"""Hypotheses of how a patch moves, judged event by event.
+"""Hypotheses on the motion of a patch, scored event by event.
 
 HASTE (Alzugaray and Chli, BMVC 2020), the correlation variant: the latest events of a patch are
-held against its template at the pose it has, and at poses a pixel or an angle away; the patch moves
-to another one as soon as an event makes it the likelier.
+compared with its template at the present pose, and at poses a pixel or an angle away. The patch
+moves to another pose as soon as an event makes that pose the more likely one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class Patches(NamedTuple):
-    """M patches that are tracked, of N latest events each, under H hypotheses.
+    """Tracked patches: M patches with N latest events each, under H hypotheses.
 
     Attributes
     ----------
@@ -27,25 +27,25 @@ class Patches(NamedTuple):
     frame
         (M,) int64 number of the cluster in which it was measured last.
     measured
-        (M,) time of the newest event that was measured, seconds.
+        (M,) time of the newest event of the last measurement, seconds.
     pose
         (M, 3) u, v and angle, pixels and radians.
     disparity
-        (M,) when it was measured last, pixels.
+        (M,) disparity of the last measurement, pixels.
     template
-        (M, S, S) what the patch looks like.
+        (M, S, S) appearance of the patch.
     window
         (M, N, 3) u, v and time of the latest events, the oldest overwritten first.
     oldest
         (M,) index in the window of the oldest event.
     likeness
-        (M, N, H) what every event of the window tells of every hypothesis.
+        (M, N, H) score of every hypothesis by every event of the window.
     score
-        (M, H) its sum over the window.
+        (M, H) sum of the likeness over the window.
     moved
-        (M,) whether the pose changed since this was last set to False.
+        (M,) whether the pose changed since this flag was last cleared.
     moving
-        (M, N, 3) the window at the event that changed it last.
+        (M, N, 3) the window at the event that last changed the pose.
     """
 
     landmark: NDArray[np.int64]
@@ -62,7 +62,7 @@ class Patches(NamedTuple):
     moving: Array
 
     def select(self, mask: NDArray[np.bool_]) -> Patches:
-        """Those where the mask (M,) is True."""
+        """Return the patches where the mask (M,) is True."""
         return Patches._make(column[mask] for column in self)
 
     @staticmethod
@@ -72,12 +72,12 @@ class Patches(NamedTuple):
 
 
 HYPOTHESES = 11
-"""A pixel to either side, up and down and along the diagonals, or not (9), and both rotations."""
+"""Number of hypotheses: shifts by -1, 0 or 1 pixel along both axes (9), both rotations (2)."""
 STAY = 4
 
 
 def new_patches(size: int, window: int, count: int = 0) -> Patches:
-    """Blank patches of side `size` that remember `window` events, all of them far away."""
+    """Make blank patches of side `size` whose `window` events are infinitely far away."""
     return Patches(
         np.zeros(count, np.int64),
         np.zeros(count, np.int64),
@@ -96,12 +96,11 @@ def new_patches(size: int, window: int, count: int = 0) -> Patches:
 
 @njit(cache=True)
 def follow(events: Array, patches: Patches, rotation: float, reach: float, margin: float) -> None:
-    """Take events (E, 3) one by one; the patches are changed in place.
+    """Update patches in place by events (E, 3), one by one.
 
-    An event counts for the patches whose centre is within `reach` pixels along both axes. A
-    hypothesis wins when its score exceeds the present one's by `margin` times its size, whether
-    that is positive or, as of a patch that got lost, negative; `rotation` is the angle of two of
-    them, radians.
+    An event counts for the patches whose centre is within `reach` pixels along both axes. With the
+    present score s, a hypothesis wins when its score exceeds s by more than margin |s|; s is
+    negative for a lost patch. `rotation` is the angle of the two rotations, radians.
     """
     for i in range(len(events)):
         for k in range(len(patches.pose)):
@@ -118,7 +117,7 @@ def follow(events: Array, patches: Patches, rotation: float, reach: float, margi
 
 @njit(cache=True)
 def move(pose: Array, hypothesis: int, rotation: float) -> None:
-    """Change a pose (3,) by a hypothesis; steps are along the axes of the patch."""
+    """Move a pose (3,) by a hypothesis, in place; steps are along the axes of the patch."""
     if hypothesis < 9:
         right, low = hypothesis % 3 - 1, hypothesis // 3 - 1
         cosine, sine = np.cos(pose[2]), np.sin(pose[2])
@@ -130,7 +129,7 @@ def move(pose: Array, hypothesis: int, rotation: float) -> None:
 
 @njit(cache=True)
 def _take(event: Array, patches: Patches, k: int, rotation: float) -> None:
-    """Replace the oldest event of patch k and bring the scores up to date."""
+    """Replace the oldest event of patch k and update its scores."""
     place = patches.oldest[k]
     patches.oldest[k] = (place + 1) % patches.window.shape[1]
     patches.window[k, place] = event
@@ -141,7 +140,7 @@ def _take(event: Array, patches: Patches, k: int, rotation: float) -> None:
 
 @njit(cache=True)
 def judge(patches: Patches, k: int, rotation: float) -> None:
-    """Score every hypothesis of patch k anew, by the whole window."""
+    """Compute the scores of all hypotheses of patch k again from the whole window."""
     template, pose, likeness = patches.template[k], patches.pose[k], patches.likeness[k]
     patches.score[k] = 0.0
     for place in range(len(likeness)):
@@ -153,16 +152,16 @@ def judge(patches: Patches, k: int, rotation: float) -> None:
 def _judge_event(
     event: Array, template: Array, pose: Array, rotation: float, likeness: Array
 ) -> None:
-    """How bright the template is under an event by every hypothesis (11,); bilinear.
+    """Write the template's brightness under an event for every hypothesis (11,), bilinear.
 
-    Nothing is told by an event for which not all the hypotheses are within the template.
+    An event for which a hypothesis lies outside the template contributes 0 to all of them.
     """
     centre = 0.5 * (len(template) - 1)
     cosine, sine = np.cos(pose[2]), np.sin(pose[2])
     du, dv = event[0] - pose[0], event[1] - pose[1]
     x, y = cosine * du + sine * dv, -sine * du + cosine * dv
     likeness[:] = 0.0
-    if not (abs(x) < centre - 1 and abs(y) < centre - 1):  # nor for one that is not there
+    if not (abs(x) < centre - 1 and abs(y) < centre - 1):  # or a blank event, at infinity
         return
     turn_x, turn_y = np.cos(rotation), np.sin(rotation)
     _bilinear_around(template, x + centre, y + centre, likeness)
@@ -176,9 +175,10 @@ def _judge_event(
 
 @njit(cache=True)
 def _bilinear_around(image: Array, x: float, y: float, values: Array) -> None:
-    """Brightness of 3 x 3 points between pixels, a pixel apart: from the right and below to left.
+    """Write the brightness at 3 x 3 points a pixel apart, from the lower right to the upper left.
 
-    A step of the patch to the left is as good as one of its events to the right.
+    The order is reversed because a step of the patch to the left is equivalent to a step of its
+    events to the right.
     """
     column, row = int(np.floor(x)), int(np.floor(y))
     right, low = x - column, y - row
@@ -193,7 +193,7 @@ def _bilinear_around(image: Array, x: float, y: float, values: Array) -> None:
 
 @njit(cache=True)
 def _bilinear(image: Array, x: float, y: float) -> float:
-    """Brightness between pixels, 0 outside the image."""
+    """Interpolate the brightness between pixels; it is 0 outside the image."""
     column, row = int(np.floor(x)), int(np.floor(y))
     if not (0 <= column < image.shape[1] - 1 and 0 <= row < image.shape[0] - 1):
         return 0.0

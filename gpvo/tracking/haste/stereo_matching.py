@@ -1,4 +1,4 @@
-"""Where the right camera sees a patch at the time of its left events: a search along the row."""
+"""Stereo matching of a patch: a search along the row at the time of its left events."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ def match_right(
     disparities: tuple[int, int],
     kernel: Array,
 ) -> tuple[Array, float, float, float]:
-    """The right pixel (2,) of a left patch, its mean time, and the correlation of both patches.
+    """Match a left patch with the right events; return the right pixel (2,) and its quality.
 
-    `left` (N, 3) are the patch's events, the pixel (2,) is the left one. Disparities are searched
-    from the first to the last.
+    `left` (N, 3) are the events of the patch, and `position` (2,) is its left pixel. Disparities
+    are searched from the first to the last one given. The quality is the mean time of the right
+    events in seconds, the correlation of both patches, and the standard deviation of the pixel.
     """
     least, most = disparities
     half = 0.5 * size + len(kernel) // 2
@@ -42,13 +43,13 @@ def match_right(
 
 @njit(cache=True)
 def mean_time(events: Array) -> float:
-    """Of events (N, 3), seconds; NaN if there are none."""
+    """Compute the mean time of events (N, 3), seconds; NaN if there are none."""
     return events[:, 2].mean() if len(events) else np.nan
 
 
 @njit(cache=True)
 def best_shift(row: Array, template: Array) -> int:
-    """Column at which a row of image (S, W) correlates best with a template (S, S)."""
+    """Find the column at which a strip of image (S, W) correlates best with a template (S, S)."""
     size = len(template)
     zero_mean = template - template.mean()
     best, best_value = 0, -np.inf

@@ -1,7 +1,7 @@
 """Patches of events as small images, and their alignment with a template.
 
-A patch pose (u, v, angle) puts a patch into the image: x_image = (u, v) + R(angle) x_patch, pixels
-and radians. Events are (N, 3): u, v and seconds.
+A patch pose (u, v, angle), in pixels and radians, maps a patch into the image: x_image = (u, v) +
+R(angle) x_patch. Events are (N, 3): u, v and seconds.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 BORDER = 1
-"""Pixels around the part of a patch that is compared, for the derivatives there."""
+"""Pixels around the compared part of a patch, from which its derivatives are computed."""
 MOST_STEPS = 10
 SMALLEST_STEP = 0.02
-"""Pixels; a step below it ends the alignment."""
+"""Length of a step below which the alignment ends, pixels."""
 RIDGE = 1e-9
-"""Of the normal matrix's trace: makes a template without texture no exception."""
+"""Share of the normal matrix's trace added to its diagonal: without texture it is singular."""
 
 
 def blur_kernel(deviation: float) -> Array:
-    """(2 K + 1,) Gaussian, K = ceil(3 deviation), of sum 1."""
+    """Compute a Gaussian kernel (2 K + 1,) of sum 1, K = ceil(3 deviation)."""
     half = int(np.ceil(3 * deviation))
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / deviation) ** 2)
     return kernel / kernel.sum()
@@ -30,9 +30,9 @@ def blur_kernel(deviation: float) -> Array:
 
 @njit(cache=True)
 def draw(events: Array, pose: Array, shape: tuple[int, int], kernel: Array) -> Array:
-    """Image (rows, columns) of the events around a pose, blurred by a kernel (2 K + 1,).
+    """Draw an image (rows, columns) of the events around a pose, blurred by a kernel (2 K + 1,).
 
-    Every event is worth 1, spread bilinearly. The pose is at the centre of the image.
+    Every event has the weight 1, spread bilinearly. The pose is at the centre of the image.
     """
     half = len(kernel) // 2
     rows, columns = shape[0] + 2 * half, shape[1] + 2 * half
@@ -54,7 +54,7 @@ def draw(events: Array, pose: Array, shape: tuple[int, int], kernel: Array) -> A
 
 @njit(cache=True)
 def _blurred(image: Array, kernel: Array) -> Array:
-    """Convolution with the kernel along both axes, where it fits into the image."""
+    """Convolve an image with the kernel along both axes, where it fits into the image."""
     size = len(kernel)
     rows, columns = image.shape[0] - size + 1, image.shape[1] - size + 1
     across = np.zeros((image.shape[0], columns))
@@ -70,12 +70,12 @@ def _blurred(image: Array, kernel: Array) -> Array:
 def align(
     events: Array, template: Array, pose: Array, kernel: Array, freedom: int
 ) -> tuple[Array, float, float]:
-    """The pose (3,) near a given one at which the events look like the template.
+    """Find the pose (3,) near a given one at which the events look like the template.
 
-    Lucas and Kanade's least squares, whatever the number of events: the image is a gain times the
-    template, plus an offset, minus the motion times the template's derivatives; to the right alone
-    (freedom 1), also down (2) and by angle (3). Returns also the correlation, -1 if there is no
-    solution, and the position's standard deviation by the residuals, pixels.
+    Least squares after Lucas and Kanade, for any number of events: image = gain (template -
+    motion^T gradient) + offset. The motion is along x (freedom 1), also along y (2), and also by
+    angle (3). Also returned are the correlation, -1 if there is no solution, and the standard
+    deviation of the position, estimated from the residuals, in pixels.
     """
     pose, basis = pose.copy(), _basis(template)[:, : 2 + freedom].copy()
     normal = basis.T @ basis
@@ -107,7 +107,7 @@ def _inner(image: Array) -> Array:
 
 @njit(cache=True)
 def _basis(template: Array) -> Array:
-    """(pixels, 5) the template, 1, and its derivatives to the right, down and by angle."""
+    """Return the template, 1, and its derivatives with respect to x, y and angle, (pixels, 5)."""
     rows, columns = template.shape[0] - 2 * BORDER, template.shape[1] - 2 * BORDER
     basis = np.empty((rows * columns, 5))
     for row in range(rows):
@@ -122,14 +122,14 @@ def _basis(template: Array) -> Array:
 
 @njit(cache=True)
 def correlation(a: Array, b: Array) -> float:
-    """Of two vectors; -1 if either is constant."""
+    """Compute the correlation of two vectors, -1 if either is constant."""
     da, db = a - a.mean(), b - b.mean()
     scale = np.sqrt((da @ da) * (db @ db))
     return (da @ db) / scale if scale > 0 else -1.0
 
 
 def normalized(image: Array) -> Array:
-    """The image with mean 0 and norm 1, or 0 where it is constant."""
+    """Normalize an image to mean 0 and norm 1, or to 0 if it is constant."""
     centred = image - image.mean()
     norm = np.linalg.norm(centred)
     return centred / norm if norm > 0 else centred

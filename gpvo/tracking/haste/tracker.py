@@ -1,9 +1,9 @@
-"""Features followed event by event, so that every measurement has a time of its own.
+"""Tracking of features event by event, so that every measurement has its own time.
 
-HASTE's hypotheses move a patch by pixels, at the event that makes a move the likelier. A landmark
-is measured when its patch moved last in a cluster, or by its latest events if it did not move: the
-events that tell are aligned with the template to a fraction of a pixel, and their mean time is the
-measurement's.
+HASTE's hypotheses move a patch by pixels, at the event that makes a move more likely. A landmark is
+measured by the events at the last move of its patch in a cluster, or by its latest events if it did
+not move. These events are aligned with the template to a fraction of a pixel, and their mean time
+is that of the measurement.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from gpvo.tracking.observations import Observations
 Array = NDArray[np.float64]
 
 FARTHEST = 3.0
-"""Pixels between a patch's pose, known to about one, and where it is found."""
+"""Largest shift of an alignment, pixels; a patch's pose is known to about a pixel."""
 DISPARITY_CHANGE = 4
-"""Pixels by which a disparity may change between two measurements."""
+"""Largest change of disparity between two measurements, pixels."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Sighting:
-    """A patch in both images: left pose (3,), right pixel (2,), and times (2,) of both."""
+    """Patch seen in both images: left pose (3,), right pixel (2,), and times (2,) of both."""
 
     landmark: int
     pose: Array
@@ -45,7 +45,7 @@ class _Sighting:
 
 
 class EventTracker:
-    """Tracks patches of events; see `gpvo.tracking.Tracker`."""
+    """Tracker of patches of events; see `gpvo.tracking.Tracker`."""
 
     def __init__(self, config: TrackingConfig) -> None:
         self._config = config.event
@@ -73,7 +73,7 @@ class EventTracker:
         return self._observations(seen)
 
     def _measure(self, start: float, right: EventRows) -> list[_Sighting]:
-        """Sight the patches that saw enough events; drop what is not found or saw none for long."""
+        """Measure patches with enough new events; drop those not found or not measured for long."""
         patches, seen = self._patches, []
         keep = patches.frame >= self._frame_count - self._config.patience
         for k in np.flatnonzero(keep).tolist():
@@ -90,17 +90,17 @@ class EventTracker:
         return seen
 
     def _fresh(self, k: int) -> Array:
-        """Events (N, 3) by which patch k moved last, without those of the measurement before.
+        """Return the events (N, 3) by which patch k moved last, without those measured before.
 
-        The latest ones if it did not move since. The template has learnt from those before, which
-        would hold the patch back where it was.
+        They are the latest events if it did not move since. The template contains the measured ones
+        already, which would hold the patch back at its old position.
         """
         patches = self._patches
         events = self._recent(patches.moving[k] if patches.moved[k] else patches.window[k])
         return events[events[:, 2] > patches.measured[k]]
 
     def _find(self, k: int, events: Array, right: EventRows) -> _Sighting | None:
-        """Patch k as the events show it; None if it is not there, or not clear where."""
+        """Align patch k with its events; return None if it is not found or its pose is unclear."""
         patches = self._patches
         pose, _, deviation = align(events, patches.template[k], patches.pose[k], self._kernel, 3)
         moved = np.abs(pose[:2] - patches.pose[k, :2]).max()
@@ -113,7 +113,7 @@ class EventTracker:
     def _in_stereo(
         self, landmark: int, pose: Array, events: Array, right: EventRows, search: tuple[int, int]
     ) -> _Sighting | None:
-        """The same patch in the right image; None if it is not there, or not clear where."""
+        """Match a patch in the right image; return None if the match is not clear."""
         border, height = 0.5 * self._config.patch_size, len(right.start) - 1
         if not (border <= pose[0] < self._width - border and border <= pose[1] < height - border):
             return None
@@ -126,7 +126,7 @@ class EventTracker:
         return _Sighting(landmark, pose, pixel, np.array([mean_time(events), t_right]))
 
     def _update(self, k: int, events: Array, sighting: _Sighting) -> None:
-        """Put patch k where it was sighted and let its template follow what it looks like."""
+        """Move patch k to its sighting and blend its template with its present appearance."""
         patches, rate = self._patches, self._config.template_rate
         image = normalized(draw(events, sighting.pose, (self._size, self._size), self._kernel))
         patches.template[k] = normalized((1 - rate) * patches.template[k] + rate * image)
@@ -161,7 +161,7 @@ class EventTracker:
         return seen
 
     def _patch(self, sighting: _Sighting, events: Array) -> Patches:
-        """A patch that was just found, and that starts with the events which showed it."""
+        """Make the patch of a new landmark, which starts with the events that showed it."""
         patch = new_patches(self._size, self._config.window, 1)
         patch.landmark[0], patch.frame[0] = sighting.landmark, self._frame_count
         patch.pose[0], patch.disparity[0] = sighting.pose, sighting.disparity
@@ -172,7 +172,7 @@ class EventTracker:
         return patch
 
     def _recent(self, events: Array) -> Array:
-        """Those of events (N, 3) that are not much older than the newest."""
+        """Return those of events (N, 3) that are not much older than the newest."""
         if len(events) == 0:
             return events
         return events[events[:, 2] >= events[:, 2].max() - self._config.memory]
@@ -188,12 +188,12 @@ class EventTracker:
 
 
 def _columns(image: ClusterEvents) -> Array:
-    """(N, 3) u, v and time of the rectified events."""
+    """Return u, v and time (N, 3) of the rectified events."""
     events = image.events()
     return np.column_stack([events.points, events.t])
 
 
 def _after(since: float, earlier: Array, later: Array) -> Array:
-    """Two consecutive sets of events (N, 3) without those before a time."""
+    """Join two consecutive sets of events (N, 3) and drop those before a time."""
     events = np.concatenate([earlier, later])
     return events[np.searchsorted(events[:, 2], since) :]

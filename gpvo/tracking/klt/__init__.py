@@ -1,4 +1,4 @@
-"""Features followed by patches on images, by Lucas and Kanade."""
+"""Tracking of features by image patches, after Lucas and Kanade."""
 
 from gpvo.tracking.klt.tracker import KltTracker
 

@@ -1,4 +1,4 @@
-"""Patches: how alike two of them look, and how much a shift along the row changes one."""
+"""Checks of patches: the similarity of two, and the gradient of one along the row."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ Points = NDArray[np.float32]
 def patch_correlation(
     first: Image, first_points: Points, second: Image, second_points: Points, radius: int
 ) -> NDArray[np.float64]:
-    """Zero-mean normalised cross-correlation (N,) of patches around points of two images.
+    """Compute the zero-mean normalised cross-correlation (N,) of patches of two images.
 
-    Points (N, 2) lie between pixels, patches are 2 radius + 1 pixels wide and high, and an image's
-    border is repeated beyond it. Patches without contrast correlate with nothing: 0.
+    Points (N, 2) lie between pixels. The patches around them are 2 radius + 1 pixels wide and high,
+    and the border of an image is repeated beyond it. The correlation of a patch without contrast is
+    0.
     """
     side = 2 * radius + 1
     a, b = np.empty(side * side), np.empty(side * side)
@@ -36,7 +37,7 @@ def patch_correlation(
 
 @njit(cache=True)
 def _sample(image: Image, u: float, v: float, radius: int, patch: NDArray[np.float64]) -> None:
-    """Bilinear samples of the patch around (u, v), row by row."""
+    """Sample the patch around (u, v) bilinearly, row by row."""
     height, width = image.shape
     left, top = int(np.floor(u)), int(np.floor(v))
     x, y = u - left, v - top
@@ -52,9 +53,10 @@ def _sample(image: Image, u: float, v: float, radius: int, patch: NDArray[np.flo
 
 
 def row_gradient(image: Image, points: Points, radius: int) -> NDArray[np.float64]:
-    """Root mean square (N,) of the gradient along the row in patches around points (N, 2).
+    """Compute the root mean square (N,) of the gradient along the row in patches.
 
-    Grey levels per pixel, in patches 2 radius + 1 pixels wide and high at the nearest whole pixel.
+    It is in grey levels per pixel. Patches are 2 radius + 1 pixels wide and high, at the whole
+    pixels nearest to points (N, 2).
     """
     gradient = cv2.filter2D(image, cv2.CV_32F, np.array([[-0.5, 0.0, 0.5]], np.float32))
     side = 2 * radius + 1

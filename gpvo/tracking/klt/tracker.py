@@ -1,8 +1,8 @@
-"""Features followed around the quad by Lucas-Kanade on smoothed event images.
+"""Tracking of features around the quad by Lucas-Kanade on smoothed event images.
 
-The circle of section III-A.2, previous left, current left, current right, previous right and back,
-is closed by the patch around a feature instead of its descriptor, so that a feature need not be
-detected again in all four images: few of a binary frame's are.
+The circle of section III-A.2 is previous left, current left, current right, previous right and
+back. It is closed by the patch around a feature instead of its descriptor. A feature then need not
+be detected again in all four images, which few features of a binary frame are.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """A smoothed stereo frame and the landmarks seen in it: (N,) and (N, 2) pixels."""
+    """Smoothed stereo frame, and the landmarks (N,) seen in it at pixels (N, 2)."""
 
     left_image: Image
     right_image: Image
@@ -45,7 +45,7 @@ class _Frame:
 
 
 class KltTracker:
-    """Tracks the features of one resolution; see `gpvo.tracking.Tracker`."""
+    """Tracker of the features of one resolution; see `gpvo.tracking.Tracker`."""
 
     def __init__(self, config: TrackingConfig) -> None:
         self._config = config.klt
@@ -70,7 +70,7 @@ class KltTracker:
         )
 
     def _follow(self, left_image: Image, right_image: Image) -> _Frame:
-        """Take the landmarks of the previous frame around the quad; keep those that return."""
+        """Match the landmarks of the previous frame around the quad; keep those that return."""
         if not self._frames:
             nothing = np.empty((0, 2), np.float32)
             return _Frame(left_image, right_image, np.empty(0, np.int64), nothing, nothing)
@@ -89,8 +89,8 @@ class KltTracker:
     def _anchor(self, frame: _Frame) -> _Frame:
         """Match every landmark with the earliest frame that shows it, so that errors do not add up.
 
-        This extends tracklets over earlier frames: each match is checked against one that skips
-        the frames between, and takes its position.
+        This extends tracklets over earlier frames: each match is compared with one that skips the
+        frames in between, and takes the position of that match.
         """
         left, keep = frame.left.copy(), np.ones(len(frame.left), bool)
         anchored = np.zeros(len(left), bool)
@@ -138,7 +138,7 @@ class KltTracker:
         )
 
     def _is_stereo(self, frame: _Frame) -> Mask:
-        """Rows agree, the disparity is positive, both points lie in the image and look alike."""
+        """Check that rows agree, disparities are positive, and points are inside and look alike."""
         height, width = frame.left_image.shape
         size = np.array([width, height])
         inside = ((frame.left >= 0) & (frame.left < size)).all(axis=1)
@@ -149,10 +149,10 @@ class KltTracker:
         return inside & positive & close & self._is_similar(frame)
 
     def _is_similar(self, frame: _Frame) -> Mask:
-        """The middle of the patch looks alike in both images, and not so if moved along the row.
+        """Check that the middle of a patch is similar in both images and distinct along the row.
 
-        The whole patch finds its match by contours at its margins, too, that may be of another
-        depth, be its middle nothing but noise.
+        Contours at the margins of the whole patch can determine its match. They may be at another
+        depth, while the middle is only noise.
         """
         radius = self._config.patch_size // 4
         correlation = patch_correlation(
@@ -165,9 +165,10 @@ class KltTracker:
     def _match(
         self, source: Image, target: Image, points: Points, guess: Points | None = None
     ) -> tuple[Points, Mask]:
-        """Where the patches around points (N, 2) of the source are in the target, and if found.
+        """Match the patches around points (N, 2) of the source with the target image.
 
-        A guess is within a pixel or two, so that it needs no coarse pyramid levels.
+        Returns their points in the target (N, 2) and whether they were found (N,). A guess is
+        within a pixel or two, and needs no coarse pyramid levels.
         """
         if len(points) == 0:
             return points, np.zeros(0, bool)

@@ -1,4 +1,4 @@
-"""Features matched by descriptors around the quad, after viso2."""
+"""Tracking of features by descriptors around the quad, after viso2."""
 
 from gpvo.tracking.viso2.tracker import Viso2Tracker
 

@@ -1,4 +1,4 @@
-"""Few features everywhere instead of many in one place: at most so many per cell of the image."""
+"""Bucketing of features: a limited number per cell, so that they cover the whole image."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ def best_per_cell(
     cell: int,
     count: int,
 ) -> NDArray[np.bool_]:
-    """Which points (N, 2) are among the best of their cell, `cell` pixels wide and high.
+    """Return which points (N, 2) are among the best of their cell, `cell` pixels wide and high.
 
-    Better is what is larger in the first array (N,) of the ranking, then in the next; the earlier
-    point if all are equal. Points `taken` (M, 2) count among the `count` that a cell may have.
+    The better point has the larger value in the first array (N,) of the ranking, then in the next.
+    The earlier point is better if all are equal. A cell may have `count` points, including the
+    points `taken` (M, 2).
     """
     cells = np.concatenate([taken, points]) // cell
     _, number = np.unique(cells, axis=0, return_inverse=True)

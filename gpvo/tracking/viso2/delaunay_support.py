@@ -1,4 +1,4 @@
-"""Matches that their neighbours in the image agree with: LIBVISO2's outlier rejection."""
+"""LIBVISO2's outlier rejection: a match must agree with its neighbours in the image."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ def are_supported(
     disparity_tolerance: float,
     least: int,
 ) -> NDArray[np.bool_]:
-    """Whether enough neighbours in the triangulation of points (N, 2) move as each match does.
+    """Check whether enough neighbours in the triangulation of points (N, 2) agree with each match.
 
-    Flow (N, 2) is compared in the L1 norm, disparity (N,) by its difference. `least` edges of
-    triangles must agree, where one between two triangles counts twice. Fewer than four matches, or
-    matches on a line, cannot be judged and are kept.
+    Flow (N, 2) is compared in the L1 norm, disparity (N,) by its difference. At least `least` edges
+    of triangles must agree, where an edge between two triangles counts twice. Fewer than four
+    matches, or matches on a line, cannot be judged and are kept.
     """
     if len(points) < 4:
         return np.ones(len(points), bool)

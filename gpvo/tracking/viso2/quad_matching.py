@@ -1,7 +1,7 @@
 """Circular matching of stereo features by their descriptors, in the manner of LIBVISO2.
 
-Section III-A.2 of the paper: current left, current right, previous right, previous left and back to
-current left; what returns to its start is a quad match.
+Section III-A.2 of the paper: features are matched from current left to current right, previous
+right, previous left and back to current left. A feature that returns to itself is a quad match.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ NO_MATCH = -1
 
 @dataclass(frozen=True, eq=False)
 class IndexedFeatures:
-    """Features of one image for search; made by `index_features`.
+    """Features of one image for search, made by `index_features`.
 
     Attributes
     ----------
     features
         In order of kind, row and column.
     start
-        (4 height + 1,) where those of each kind and row start among them.
+        (4 height + 1,) index of the first feature of each kind and row, then their number.
     """
 
     features: Features
@@ -41,11 +41,12 @@ class IndexedFeatures:
         selected: NDArray[np.int64],
         windows: NDArray[np.float64],
     ) -> NDArray[np.int64]:
-        """Best match (N,) of the same kind for each of the queries selected (N,), or NO_MATCH.
+        """Find the best match (N,) of the same kind for the selected queries (N,), or NO_MATCH.
 
-        Candidates are displaced from the query's point by no less and no more than its window
-        (N, 4) tells, along u, then along v. The smallest sum of absolute descriptor differences
-        wins, the first one if several are equal.
+        The displacement of a candidate from the query's point must lie within the query's window:
+        `windows` (N, 4) holds the lowest and highest displacement along u, then along v. The
+        smallest sum of absolute descriptor differences wins, and the first one if several are
+        equal.
         """
         return _search(
             queries.points,
@@ -60,7 +61,7 @@ class IndexedFeatures:
 
 
 def index_features(features: Features, height: int) -> IndexedFeatures:
-    """Sort the features of an image of so many rows."""
+    """Sort the features of an image with `height` rows."""
     column, row = features.points.T
     ordered = features[np.lexsort((column, row, features.kind))]
     key = ordered.kind.astype(np.int64) * height + ordered.points[:, 1]
@@ -122,9 +123,10 @@ def match_quads(
     ranges: SearchRanges,
     config: Viso2Config,
 ) -> NDArray[np.int64]:
-    """Quad matches (M, 4): feature indices in current left, current right, previous right, left.
+    """Match features around the quad and return their indices (M, 4).
 
-    Each survives the circle within the ranges and is supported by its Delaunay neighbours.
+    The columns are current left, current right, previous right and previous left. Each match
+    survives the circle within the ranges and is supported by its Delaunay neighbours.
     """
     windows = ranges.at(current.left.features.points)
     start = np.arange(len(current.left.features))
@@ -150,7 +152,7 @@ def match_quads(
 def quad_points(
     quads: NDArray[np.int64], current: StereoFeatures, previous: StereoFeatures
 ) -> NDArray[np.int32]:
-    """Points (4, M, 2) of quads (M, 4)."""
+    """Return the points (4, M, 2) of quads (M, 4)."""
     images = (current.left, current.right, previous.right, previous.left)
     return np.stack(
         [image.features.points[index] for image, index in zip(images, quads.T, strict=True)]

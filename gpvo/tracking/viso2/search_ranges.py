@@ -1,4 +1,4 @@
-"""Where the steps of a quad look for their match: everywhere, or where sparse matches near by lie.
+"""Ranges in which the steps of a quad search: the whole range, or near sparse matches.
 
 The two stages of LIBVISO2: displacements of a first, sparse set of matches bound the search of all.
 """
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from gpvo.config import Viso2Config
 
 STEPS = 4
-"""Current left to current right, previous right, previous left, and back."""
+"""Number of steps: current left to current right, previous right, previous left, and back."""
 STEREO_STEPS = [0, 2]
 
 
 @dataclass(frozen=True, eq=False)
 class SearchRanges:
-    """Displacements that the steps of a quad may have, by the cell in which it starts.
+    """Allowed displacements of the steps of a quad, by the cell in which it starts.
 
     Attributes
     ----------
@@ -34,19 +34,19 @@ class SearchRanges:
     cell: int
 
     def at(self, points: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Windows (STEPS, N, 4) of quads that start at points (N, 2), current left."""
+        """Return the windows (STEPS, N, 4) of quads that start at points (N, 2) of current left."""
         row, column = self.cells(points)
         return self.windows[row, column].swapaxes(0, 1)
 
     def cells(self, points: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Row and column (N,) of the cells that points (N, 2) lie in."""
+        """Return the row and column (N,) of the cells in which points (N, 2) lie."""
         last = np.array(self.windows.shape[1::-1]) - 1
         column, row = np.minimum(points // self.cell, last).astype(np.int64).T
         return row, column
 
 
 def everywhere(shape: tuple[int, ...], frames_between: int, config: Viso2Config) -> SearchRanges:
-    """The same ranges for all cells of an image of `shape` (height, width)."""
+    """Make equal ranges for all cells of an image of `shape` (height, width)."""
     flow = config.flow_radius * frames_between
     rows = config.row_tolerance
     to_right = [-config.max_disparity, -1, -rows, rows]
@@ -60,11 +60,11 @@ def everywhere(shape: tuple[int, ...], frames_between: int, config: Viso2Config)
 def near_matches(
     quads: NDArray[np.int32], ranges: SearchRanges, least_width: float
 ) -> SearchRanges:
-    """Ranges within given ones, bounded by what the matches in and around each cell do.
+    """Narrow ranges to the displacements of the matches in and around each cell.
 
-    Matches are points (4, N, 2) of quads, the first in current left. Ranges are widened to
-    `least_width` pixels. Rows between left and right, and cells without matches around, keep the
-    given ranges.
+    Matches are points (4, N, 2) of quads, the first in current left. Narrower ranges are widened to
+    `least_width` pixels. The given ranges are kept for rows between left and right, and for cells
+    without matches around them.
     """
     cells = ranges.cells(quads[0])
     displacements = (np.roll(quads, -1, axis=0) - quads).swapaxes(0, 1)
@@ -84,7 +84,7 @@ def near_matches(
 
 
 def _highest_around(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Highest of the 3 x 3 cells around each, of values (rows, columns, STEPS, 2)."""
+    """Compute the maximum over the 3 x 3 cells around each of values (rows, columns, STEPS, 2)."""
     rows, columns = values.shape[:2]
     layers = values.reshape(rows, columns, -1)
     around = [

@@ -1,7 +1,7 @@
-"""Refinement of matches: the least patch difference, and a parabola through it.
+"""Refinement of matches to the smallest patch difference and the parabola around it.
 
-LIBVISO2's refinement: a small patch of gradients is compared over 7 x 7 positions around the match,
-or over 5 x 5 if whole pixels will do.
+LIBVISO2's refinement: a small patch of gradients is compared over 7 x 7 positions around the match.
+Refinement to whole pixels uses 5 x 5 positions.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-# (dx, dy, which gradient): a diamond of horizontal gradients and a cross of vertical ones.
+# (dx, dy, index of the gradient): a diamond of horizontal gradients and a cross of vertical ones.
 PATCH = np.array(
     [
         (dx, dy, 0)
@@ -30,7 +30,7 @@ REACH = PATCH_RADIUS + SEARCH_RADIUS + 1  # a point needs this distance from the
 
 
 def patches(gradient: NDArray[np.uint8], points: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """(N, 16) gradient values around points (N, 2); see `gpvo.tracking.features.gradients`."""
+    """Sample the gradient (N, 16) around points (N, 2); see `gpvo.tracking.features.gradients`."""
     columns = points[:, 0, None] + PATCH[:, 0]
     rows = points[:, 1, None] + PATCH[:, 1]
     return gradient[rows, columns, PATCH[:, 2]]
@@ -42,11 +42,11 @@ def refine(
     reference: NDArray[np.uint8],
     how: Literal["none", "pixel", "subpixel"] = "subpixel",
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Positions (N, 2) near points where the image looks like the reference (N, 16).
+    """Find positions (N, 2) near points where the image looks like the reference (N, 16).
 
-    The mask is False where the best position is on the search window's border or at the image's,
-    or where the parabola has no minimum within a pixel. To a pixel, points at the image's border
-    stay, and all are found.
+    Also returned is a mask (N,). It is False if the best position is on the border of the search
+    window, the point is near the border of the image, or the parabola has no minimum within a
+    pixel. Without subpixel refinement the mask is True, and points at the border of the image stay.
     """
     if how == "none":
         return points.astype(np.float64), np.ones(len(points), bool)
@@ -83,7 +83,7 @@ def _fill_costs(
 def _least(
     costs: NDArray[np.float64], points: NDArray[np.int32]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Where the lowest cost is; in place where there are none."""
+    """Find the position of the lowest cost; points without costs stay."""
     side = costs.shape[1]
     row, column = np.divmod(costs.reshape(len(costs), side * side).argmin(axis=1), side)
     known = np.isfinite(costs[:, 0, 0])
@@ -94,7 +94,7 @@ def _least(
 def _parabola_minimum(
     costs: NDArray[np.float64], points: NDArray[np.int32]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Minimum of the least-squares paraboloid through the 3 x 3 costs around the lowest one."""
+    """Compute the minimum of the paraboloid fitted to the 3 x 3 costs around the lowest one."""
     side = costs.shape[1]
     lowest = costs.reshape(len(costs), side * side).argmin(axis=1)
     row, column = np.divmod(lowest, side)

@@ -1,4 +1,4 @@
-"""LIBVISO2's features followed by circular descriptor matching, the paper's front end.
+"""Tracking of LIBVISO2's features by circular descriptor matching, the paper's front end.
 
 Section III-A.2: new quad matches with the previous frame start or continue tracklets, matches with
 a number of earlier frames extend them.
@@ -31,9 +31,10 @@ NO_LANDMARK = -1
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """A stereo frame's features, and each left one's landmark or NO_LANDMARK, and right feature.
+    """Features of a stereo frame, with the landmark and the right feature of each left one.
 
-    The sparse features, if any, are those of the first stage.
+    The landmark is NO_LANDMARK if there is none. The sparse features, if any, are those of the
+    first stage.
     """
 
     number: int
@@ -56,7 +57,7 @@ class _Sightings:
 
 
 class Viso2Tracker:
-    """Tracks the features of one resolution; see `gpvo.tracking.Tracker`."""
+    """Tracker of the features of one resolution; see `gpvo.tracking.Tracker`."""
 
     def __init__(self, config: TrackingConfig) -> None:
         self._features = config.features
@@ -98,7 +99,7 @@ class Viso2Tracker:
         return frame
 
     def _match(self, frame: _Frame, earlier: _Frame) -> NDArray[np.int64]:
-        """Quads (M, 4) between two frames; see `gpvo.tracking.viso2.quad_matching.match_quads`."""
+        """Match two frames and return quads (M, 4) like `match_quads`."""
         shape, between = frame.left_gradient.shape[:2], frame.number - earlier.number
         ranges = everywhere(shape, between, self._config)
         if frame.sparse is not None and earlier.sparse is not None:
@@ -116,7 +117,7 @@ class Viso2Tracker:
     def _bucketed(
         self, quads: NDArray[np.int64], frame: _Frame, earlier: _Frame
     ) -> NDArray[np.int64]:
-        """Quads (M, 4) without those that would give a cell of the frame too many landmarks."""
+        """Drop the quads (M, 4) that would give a cell of the frame too many landmarks."""
         if self._config.bucket_features == 0:
             return quads
         features = frame.features.left.features
@@ -132,7 +133,7 @@ class Viso2Tracker:
         return quads[keep]
 
     def _sightings(self, landmark: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Number of earlier frames (N,) in which landmarks (N,) are seen."""
+        """Count the earlier frames (N,) in which landmarks (N,) are seen."""
         known = np.concatenate([frame.landmark for frame in self._frames])
         return (landmark[:, None] == known).sum(axis=1) * (landmark != NO_LANDMARK)
 
@@ -152,7 +153,7 @@ class Viso2Tracker:
         ]
 
     def _new_landmarks(self, frame: _Frame, left: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Landmarks (N,) for left features (N,) of a frame."""
+        """Create landmarks (N,) for left features (N,) of a frame."""
         landmarks = self._landmark_count + np.arange(len(left))
         self._landmark_count += len(left)
         references = patches(frame.left_gradient, frame.features.left.features.points[left])
@@ -165,7 +166,7 @@ class Viso2Tracker:
         self._references = {k: self._references[k] for k in known if k != NO_LANDMARK}
 
     def _refined(self, seen: _Sightings) -> Observations:
-        """Refined observations; those whose patch is not found again are left out."""
+        """Refine observations and drop those whose patch is not found again."""
         frame, how = seen.frame, self._config.refinement
         references = [self._references[landmark] for landmark in seen.landmark.tolist()]
         reference = np.array(references, np.uint8).reshape(-1, len(PATCH))
@@ -181,7 +182,7 @@ class Viso2Tracker:
 def _see(
     frame: _Frame, landmark: NDArray[np.int64], left: NDArray[np.int64], right: NDArray[np.int64]
 ) -> _Sightings:
-    """Note landmarks (N,) in a frame."""
+    """Record landmarks (N,) in a frame."""
     frame.landmark[left], frame.right[left] = landmark, right
     return _Sightings(frame, landmark, left, right)
 
@@ -192,7 +193,7 @@ def _detect(left: Image, right: Image, config: FeatureConfig) -> StereoFeatures:
 
 
 def _known_quads(frame: _Frame, earlier: _Frame) -> NDArray[np.int64]:
-    """Quads (M, 4) of the landmarks that both frames show."""
+    """Return the quads (M, 4) of the landmarks that both frames show."""
     landmark, here, there = np.intersect1d(frame.landmark, earlier.landmark, return_indices=True)
     here, there = (index[landmark != NO_LANDMARK] for index in (here, there))
     return np.stack([here, frame.right[here], earlier.right[there], there], axis=1)
