@@ -7,6 +7,7 @@ them (`Bridge`), of the variables s of the landmarks' prior (`LandmarkPrior`), a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,6 +108,7 @@ class JointSystem:
         H -= flat.T @ flat if len(flat) else 0.0
         return JointSystem(H, scale, own, cross, known, latent)
 
+    @cached_property
     def shared_given_states(self) -> tuple[Array, Array]:
         """Root L (S, S), lower, of the information on u and s, and L⁻¹ H_(us),(x, error)."""
         part = self.of_shared
@@ -116,14 +118,14 @@ class JointSystem:
 
     def on_states(self) -> tuple[Array, Array]:
         """Information (12 m + 1, 12 m + 1) on the states and the error alone, and its scale."""
-        _, explained = self.shared_given_states()
+        _, explained = self.shared_given_states
         columns = self.of_states
         H = self.information[np.ix_(columns, columns)] - explained.T @ explained
         return H, np.sqrt(self.scale[columns])
 
     def landmark_steps(self, moved: Array) -> Array:
         """Return the steps (L, 3) of the landmarks, given the step (12 m,) of the states."""
-        root, right = self.shared_given_states()
+        root, right = self.shared_given_states
         shared = -np.linalg.solve(root.T, right @ np.append(moved, 1.0))
         right_side = self.cross @ np.concatenate([moved, shared, [1.0]])
         regular = self.root + (1 - self.known)[:, None, None] * np.eye(3)
@@ -140,7 +142,7 @@ class JointSystem:
         states.
         """
         states, last = int(self.latent[0]), len(self.information) - 1
-        root, right = self.shared_given_states()
+        root, right = self.shared_given_states
         inverse = np.linalg.inv(root)
         by_states = -inverse.T @ right
         by_noise = by_landmark @ np.linalg.inv(self.root[of])

@@ -57,7 +57,7 @@ class StatesBetween:
         v_states: Array,
     ) -> StatesBetween:
         """The states, given a step (12 m,) since the system was linearised."""
-        root, right = system.shared_given_states()
+        root, right = system.shared_given_states
         inverse = np.linalg.inv(root)
         by_states = -inverse.T @ right
         mean = by_states @ np.append(moved, 1.0)
