@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import cycle
+
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, V, X
@@ -26,7 +29,7 @@ from benchmarks.turns import fastest
 from factors import (
     InterpolatedStereoFactor,
     StereoReprojectionFactor,
-    TrackletFactor,
+    StructurelessStereoFactor,
     WnoaPriorFactor,
     extrapolate,
 )
@@ -46,7 +49,8 @@ def single_factors(table: Table) -> None:
         problem.measured[0], NOISE, *keys, CAMERA, t_i, t_j, (t_i + t_j) / 2
     )
     native = native_factors(problem)
-    ours, robust = (tracklet_of_ten(model) for model in (NOISE, ROBUST))
+    ours, robust = (landmark_of_ten(model) for model in (NOISE, ROBUST))
+    own_states = landmark_of_ten(NOISE, QC)
     theirs, fixed = native_of_ten(False), native_of_ten(True)
     one_by_one, at_once = empty_factors(list(keys[:4]))
     own = without_landmarks(values, list(range(60)))
@@ -61,8 +65,9 @@ def single_factors(table: Table) -> None:
             "interpolated": lambda: between.linearize(values),
             "native 10": lambda: [factor.linearize(values) for factor in theirs],
             "native 10, fixed noise": lambda: [factor.linearize(values) for factor in fixed],
-            "tracklet": lambda: ours.linearize(own),
-            "robust tracklet": lambda: robust.linearize(own),
+            "one landmark": in_turns(ours, own),
+            "robust": in_turns(robust, own),
+            "own states": in_turns(own_states, own),
         },
         rounds=15,
         each=60,
@@ -74,10 +79,12 @@ def single_factors(table: Table) -> None:
     table.add_row("  to native", f"{us['prior'] / us['native prior']:.2f}", "<= 3")
     table.add_row("StereoReprojectionFactor, us", f"{us['stereo']:.1f}", "<= 15")
     table.add_row("InterpolatedStereoFactor, us", f"{us['interpolated']:.1f}", "")
-    table.add_row("TrackletFactor of 10 measurements, us", f"{us['tracklet']:.1f}", "")
+    name = "structureless factor of one landmark, 10 measurements, us"
+    table.add_row(name, f"{us['one landmark']:.1f}", "")
     for name in ("native 10", "native 10, fixed noise"):
-        table.add_row(f"  {name} factors to it", f"{us[name] / us['tracklet']:.2f}", ">= 2")
-    table.add_row("  with Huber's loss, us", f"{us['robust tracklet']:.1f}", "")
+        table.add_row(f"  {name} factors to it", f"{us[name] / us['one landmark']:.2f}", ">= 2")
+    table.add_row("  with Huber's loss, us", f"{us['robust']:.1f}", "")
+    table.add_row("  with Q_c, each time a state of its own, us", f"{us['own states']:.1f}", "")
 
 
 def empty_factors(keys: list[int]) -> Factors:
@@ -107,9 +114,21 @@ def measurements_of_ten() -> tuple[Array, Array, list[tuple[int, int, float]]]:
     return CAMERA.project(points[:, :3]) + 0.3, times, states
 
 
-def tracklet_of_ten(model: gtsam.noiseModel.Base) -> TrackletFactor:
+def landmark_of_ten(
+    model: gtsam.noiseModel.Base, qc: Array | None = None
+) -> StructurelessStereoFactor:
+    """One landmark's ten measurements without the landmark."""
     measured, times, states = measurements_of_ten()
-    return TrackletFactor(measured, times, model, states, CAMERA, QC)
+    return StructurelessStereoFactor(measured, times, 0, model, states, CAMERA, qc)
+
+
+def in_turns(factor: StructurelessStereoFactor, values: gtsam.Values) -> Callable[[], object]:
+    """Linearise at the values and at others: the factor keeps what it found for the last ones."""
+    moved = gtsam.Values(values)
+    key = factor.keys()[0]
+    moved.update(key, values.atPose3(key).retract(np.full(6, 1e-3)))
+    turns = cycle((values, moved))
+    return lambda: factor.linearize(next(turns))
 
 
 def native_of_ten(fixed_noise: bool) -> Factors:

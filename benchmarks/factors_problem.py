@@ -14,7 +14,6 @@ from factors import (
     StereoCamera,
     StereoReprojectionFactor,
     StructurelessStereoFactor,
-    TrackletFactor,
     WnoaPriorFactor,
     interpolate,
 )
@@ -128,17 +127,19 @@ def tracklet_factors(problem: Problem, stride: int) -> tuple[Factors, list[int]]
         rows = np.flatnonzero(problem.landmark == n)
         if len(rows) > 1:
             measured, times = problem.measured[rows], problem.times[rows]
-            tracklets.append(TrackletFactor(measured, times, NOISE, states, CAMERA, QC))
+            tracklets.append(StructurelessStereoFactor(measured, times, n, NOISE, states, CAMERA))
     return [*chain, *tracklets], knots
 
 
-def structureless_factors(problem: Problem, stride: int, robust: bool = False) -> Factors:
-    """The same with one factor for all landmarks."""
+def structureless_factors(
+    problem: Problem, stride: int, robust: bool = False, qc: Array | None = None
+) -> Factors:
+    """The same with one factor for all landmarks; with Q_c every time is a state of its own."""
     _, states, chain = key_states(problem, stride)
     data = problem.measured, problem.times, problem.landmark
     return [
         *chain,
-        StructurelessStereoFactor(*data, ROBUST if robust else NOISE, states, CAMERA, QC),
+        StructurelessStereoFactor(*data, ROBUST if robust else NOISE, states, CAMERA, qc),
     ]
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from factors import (
     StereoCamera,
-    TrackletFactor,
+    StructurelessStereoFactor,
     WnoaPriorFactor,
     extrapolate,
     interpolate,
@@ -46,7 +46,9 @@ def measure(rng: np.random.Generator) -> tuple[Array, Array]:
     return times, measured
 
 
-def build(rng: np.random.Generator) -> tuple[gtsam.NonlinearFactorGraph, list[TrackletFactor]]:
+def build(
+    rng: np.random.Generator,
+) -> tuple[gtsam.NonlinearFactorGraph, StructurelessStereoFactor]:
     """The graph: where it starts, how it moves, what it saw."""
     graph = gtsam.NonlinearFactorGraph()
     graph.add(
@@ -59,12 +61,12 @@ def build(rng: np.random.Generator) -> tuple[gtsam.NonlinearFactorGraph, list[Tr
 
     huber = gtsam.noiseModel.mEstimator.Huber.Create(1.345)
     model = gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Diagonal.Sigmas(PIXELS))
-    tracklets = []
-    for _ in range(15):
-        times, measured = measure(rng)
-        tracklets.append(TrackletFactor(measured, times, model, states, CAMERA))
-        graph.add(tracklets[-1])
-    return graph, tracklets
+    tracks = [measure(rng) for _ in range(15)]
+    times, measured = (np.concatenate(part) for part in zip(*tracks, strict=True))
+    landmarks = np.repeat(np.arange(15), 12)
+    seen = StructurelessStereoFactor(measured, times, landmarks, model, states, CAMERA)
+    graph.add(seen)
+    return graph, seen
 
 
 def initial_values() -> gtsam.Values:
@@ -108,9 +110,9 @@ def joint_covariances(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -
 
 def main(plot: Path | None = None) -> Array:
     """Solve, ask every millisecond, and compare with the truth: errors (n, 6) in sigmas."""
-    graph, tracklets = build(np.random.default_rng(0))
+    graph, seen = build(np.random.default_rng(0))
     values = optimize(graph, initial_values())
-    print("the first landmark is at", tracklets[0].landmark(values).round(3))
+    print("the first landmark is at", seen.landmarks(values)[1][0].round(3))
 
     t = np.linspace(0.001, 0.499, 499)
     poses, covariances = query(graph, values, t)

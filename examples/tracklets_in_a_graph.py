@@ -1,7 +1,7 @@
 """Tracklets in a graph that was there before: they hold a drifting odometry.
 
 GTSAM's own factors tie poses 50 ms apart. A velocity at each and the motion prior are all that a
-TrackletFactor needs besides; its landmark stays inside. Run as
+StructurelessStereoFactor needs besides; its landmark stays inside. Run as
 ``python -m examples.tracklets_in_a_graph``.
 """
 
@@ -11,7 +11,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import V, X
 
-from factors import StereoCamera, TrackletFactor, WnoaPriorFactor, extrapolate
+from factors import StereoCamera, StructurelessStereoFactor, WnoaPriorFactor, extrapolate
 from factors.lie import se3_inverse
 
 CAMERA = StereoCamera(fx=226.0, fy=226.0, cx=173.0, cy=130.0, baseline=0.1)
@@ -44,14 +44,14 @@ def add_motion(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
         values.insert(velocity, np.zeros(6))
 
 
-def tracklet(rng: np.random.Generator) -> TrackletFactor:
+def tracklet(rng: np.random.Generator) -> StructurelessStereoFactor:
     """Ten measurements of one landmark within 0.3 s, each at its own time."""
     times = (rng.uniform(0, 0.7) + np.sort(rng.uniform(0, 0.3, 10))).round(6)
     poses = extrapolate(np.eye(4), TWIST, times).pose
     point = poses[0] @ np.r_[rng.uniform(-1, 1, 2), rng.uniform(2, 4), 1.0]
     measured = CAMERA.project((se3_inverse(poses) @ point)[:, :3])
     measured += rng.normal(size=(10, 3)) * PIXELS.sigmas()
-    return TrackletFactor(measured, times, PIXELS, STATES, CAMERA)
+    return StructurelessStereoFactor(measured, times, 0, PIXELS, STATES, CAMERA)
 
 
 def drift(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> float:

@@ -17,7 +17,6 @@ from factors import (
     ReprojectionVelocityFactor,
     StereoCamera,
     StereoReprojectionFactor,
-    TrackletFactor,
     WnoaPriorFactor,
     extrapolate,
     interpolate,
@@ -26,7 +25,6 @@ from factors import (
 
 good = np.array([180.0, 120.0, 6.0])
 behind = np.array([180.0, 120.0, -6.0])
-states = [(X(0), V(0), 0.0), (X(1), V(1), 0.1)]
 two = gtsam.noiseModel.Unit.Create(2)
 
 
@@ -41,12 +39,6 @@ def stereo(measured: Any = good, model: Any = NOISE) -> object:
 def between(t: float = 0.05, measured: Any = good, model: Any = NOISE, qc: Any = None) -> object:
     keys = X(0), V(0), X(1), V(1), L(0)
     return InterpolatedStereoFactor(measured, model, *keys, CAMERA, 0.0, 0.1, t, qc)
-
-
-def tracklet(
-    measured: Any = (good, good), times: Any = (0.01, 0.02), states: Any = states, qc: Any = QC
-) -> object:
-    return TrackletFactor(measured, times, NOISE, states, CAMERA, qc)
 
 
 def fast(point: Any = (0, 0, 3), dt: float = 0.1, measured: Any = (0, 0, 3)) -> object:
@@ -82,16 +74,6 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     ("measured", lambda: between(measured=behind)),
     ("model", lambda: between(model=two)),
     ("qc", lambda: between(qc=-QC)),
-    ("measured", lambda: tracklet([good])),
-    ("measured", lambda: tracklet([good, behind])),
-    ("measured", lambda: tracklet([good, good * np.nan])),
-    ("times", lambda: tracklet(times=[0.02, 0.01])),
-    ("times", lambda: tracklet(times=[0.02])),
-    ("times", lambda: tracklet(times=[0.02, np.nan])),
-    ("times", lambda: tracklet(times=[0.02, 0.2])),
-    ("states", lambda: tracklet(states=states[::-1])),
-    ("states", lambda: tracklet(states=states[:1])),
-    ("qc", lambda: tracklet(qc=-QC)),
     ("dt", lambda: fast(dt=0.0)),
     ("point", lambda: fast(point=(0, 0))),
     ("measured", lambda: fast(measured=(0, 0, np.inf))),

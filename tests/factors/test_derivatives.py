@@ -7,13 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import gtsam
 import numpy as np
-import pytest
 from graphs import (
     CAMERA,
     NOISE,
     QC,
     assert_derivatives_match,
-    derivative,
     pose_between,
     random_states,
     seeds,
@@ -27,7 +25,6 @@ from factors import (
     InterpolatedStereoFactor,
     ReprojectionVelocityFactor,
     StereoReprojectionFactor,
-    TrackletFactor,
     WnoaPriorFactor,
     wnoa_square_root_information,
 )
@@ -172,53 +169,3 @@ def test_constant_velocity_models_are_zero_at_the_motion(seed: int) -> None:
     fast = EuclideanVelocityFactor(later, unit, V(0), point, dt)
     assert np.abs(exact.whitenedError(values)).max() < 1e-11
     assert np.abs(fast.whitenedError(values)).max() < 20 * (dt * np.linalg.norm(velocity)) ** 2
-
-
-ROBUST = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(1.5), NOISE)
-
-
-@pytest.mark.parametrize("model", [NOISE, ROBUST], ids=["gaussian", "robust"])
-@given(seed=seeds)
-@examples
-def test_gradient_of_a_tracklet(model: gtsam.noiseModel.Base, seed: int) -> None:
-    """The landmark is where it fits best, so its motion with the states does not count."""
-    values = random_states(seed, 0.05)
-    factor = tracklet(values, seed, model)
-    A, b = factor.linearize(values).jacobian()
-    gradient = np.concatenate(
-        [derivative(factor.error, values, key, 1e-4) for key in tuple(factor.keys())]
-    )
-    np.testing.assert_allclose(-A.T @ b, gradient, rtol=0, atol=1e-5 * np.abs(gradient).max())
-
-
-@pytest.mark.parametrize("model", [NOISE, ROBUST], ids=["gaussian", "robust"])
-@given(seed=seeds)
-@examples
-def test_a_tracklet_costs_what_its_measurements_cost(
-    model: gtsam.noiseModel.Base, seed: int
-) -> None:
-    values = random_states(seed, 0.05)
-    factor = tracklet(values, seed, model)
-    values.update(L(0), factor.landmark(values))
-    keys = X(0), V(0), X(1), V(1), L(0)
-    single = [
-        InterpolatedStereoFactor(measured, model, *keys, CAMERA, 0.0, 0.05, t)
-        for measured, t in zip(*measurements_and_times(values, seed), strict=True)
-    ]
-    total = sum(each.error(values) for each in single)
-    np.testing.assert_allclose(factor.error(values), total, rtol=1e-9)
-
-
-def measurements_and_times(values: gtsam.Values, seed: int) -> tuple[list[np.ndarray], np.ndarray]:
-    """Eight noisy measurements at random times, of a landmark that depends on the seed."""
-    rng = np.random.default_rng(seed)
-    times = np.sort(rng.uniform(0, 0.05, 8))
-    point = values.atPose3(X(0)).matrix() @ [*rng.uniform(-1, 1, 2), rng.uniform(2, 6), 1.0]
-    poses = pose_between(values, 0.0, 0.05, times)
-    exact = CAMERA.project((se3_inverse(poses) @ point)[:, :3])
-    return list(exact + rng.normal(size=exact.shape) * [1.0, 1.0, 0.3]), times
-
-
-def tracklet(values: gtsam.Values, seed: int, model: gtsam.noiseModel.Base) -> TrackletFactor:
-    states = [(X(0), V(0), 0.0), (X(1), V(1), 0.05)]
-    return TrackletFactor(*measurements_and_times(values, seed), model, states, CAMERA, QC)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from factors import (
     InterpolatedStereoFactor,
     StereoReprojectionFactor,
-    TrackletFactor,
+    StructurelessStereoFactor,
     WnoaPriorFactor,
     extrapolate,
     interpolate,
@@ -135,7 +135,7 @@ def test_an_extra_interpolated_state_does_not_move_the_optimum(seed: int) -> Non
 
 @given(seeds)
 @examples
-def test_a_tracklet_has_the_optimum_of_explicit_landmarks(seed: int) -> None:
+def test_a_factor_without_its_landmark_has_the_optimum_of_explicit_ones(seed: int) -> None:
     dt = 0.02
     values = random_states(seed, dt)
     rng = np.random.default_rng(seed)
@@ -147,7 +147,7 @@ def test_a_tracklet_has_the_optimum_of_explicit_landmarks(seed: int) -> None:
     measured += rng.normal(size=measured.shape) * [1, 1, 0.3]
     common = [*anchored(values), WnoaPriorFactor(X(0), V(0), X(1), V(1), dt, QC)]
     states = [(X(0), V(0), 0.0), (X(1), V(1), dt)]
-    tracklet = TrackletFactor(measured, times, NOISE, states, CAMERA, QC)
+    tracklet = StructurelessStereoFactor(measured, times, 0, NOISE, states, CAMERA)
     keys = X(0), V(0), X(1), V(1), L(0)
     explicit = [
         InterpolatedStereoFactor(y, NOISE, *keys, CAMERA, 0.0, dt, t)
@@ -159,8 +159,8 @@ def test_a_tracklet_has_the_optimum_of_explicit_landmarks(seed: int) -> None:
     for k in range(2):
         np.testing.assert_allclose(state(eliminated, k)[0], state(whole, k)[0], atol=1e-7)
         np.testing.assert_allclose(state(eliminated, k)[1], state(whole, k)[1], atol=1e-7)
-    found = tracklet.landmark(eliminated)
-    np.testing.assert_allclose(found, whole.atPoint3(L(0)), atol=1e-6)
+    found = tracklet.landmarks(eliminated)[1]
+    np.testing.assert_allclose(found[0], whole.atPoint3(L(0)), atol=1e-6)
 
     # States at all times instead of interpolation: the same within the process's own deviation.
     at_times = gtsam.Values(values)

@@ -10,7 +10,7 @@ from gtsam.symbol_shorthand import L, V, X
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from factors import TrackletFactor, WnoaPriorFactor, optimize
+from factors import StructurelessStereoFactor, WnoaPriorFactor, optimize
 from factors.lie import se3_inverse
 from factors.wnoa import wnoa_error
 
@@ -47,7 +47,7 @@ def problem(model: gtsam.noiseModel.Base) -> tuple[gtsam.NonlinearFactorGraph, g
         point = poses[0] @ np.r_[rng.uniform(-1, 1, 2), rng.uniform(2, 4), 1.0]
         measured = CAMERA.project((se3_inverse(poses) @ point)[:, :3])
         measured += rng.normal(size=measured.shape) * 0.3
-        graph.add(TrackletFactor(measured, times, model, states, CAMERA))
+        graph.add(StructurelessStereoFactor(measured, times, 0, model, states, CAMERA))
     start = gtsam.Values(truth)
     start.erase(L(0))
     start.update(X(1), truth.atPose3(X(1)).retract(rng.normal(size=6) * 0.01))
@@ -78,7 +78,7 @@ def test_divergence_is_an_error_not_a_result() -> None:
 
 
 @pytest.mark.parametrize("model", [NOISE, ROBUST], ids=["gaussian", "robust"])
-def test_a_tracklet_behind_the_camera_stays_finite(model: gtsam.noiseModel.Base) -> None:
+def test_a_landmark_behind_the_camera_stays_finite(model: gtsam.noiseModel.Base) -> None:
     """A half turn between the measurements: no state of the landmark suits them all."""
     graph, values = problem(model)
     half_turn = gtsam.Pose3(gtsam.Rot3.Ry(np.pi - 0.01), np.zeros(3))
