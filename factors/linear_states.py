@@ -25,8 +25,8 @@ class LinearStatesFactor(gtsam.CustomFactor):
 
     Notes
     -----
-    The derivative by a pose is taken where the states were: exact there, and wrong by half the
-    step of the pose, in rad, elsewhere.
+    The Jacobian of a pose is that at T_states: exact there, and wrong by half the step of the pose,
+    in rad, elsewhere.
     """
 
     def __init__(self, keys: Sequence[int], T_states: Array, v_states: Array, rows: Array) -> None:

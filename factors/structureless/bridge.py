@@ -95,7 +95,7 @@ def bridge_covariance(a: Array, b: Array, duration: float) -> Array:
 
 
 def _wiener_covariance(a: Array, b: Array) -> Array:
-    """(2, 2, m, n) covariance as of `bridge_covariance`, given the state at 0 alone."""
+    """Return the covariance of `bridge_covariance`, given the state at 0 alone."""
     a, b = a[:, None], b[None, :]
     first = np.minimum(a, b)
     xi_xi = first**2 * (3 * np.maximum(a, b) - first) / 6

@@ -110,10 +110,10 @@ def landmark_rows_kernel(
     by_h: Array,
     rows: Array,
 ) -> None:
-    """Write the whitened error to column 9 of rows (3, 10), its derivatives by q to 6 to 8.
+    """Write the whitened error to column 9 of rows (3, 10), its Jacobian of q to columns 6 to 8.
 
-    And the point h (3,) in the camera's frame, times the inverse depth in the chart, with the
-    derivatives by_h (3, 3) of the error. Behind the camera: a large constant error without
+    Also the point h (3,) in the camera's frame, times the inverse depth in the chart, and the
+    Jacobian by_h (3, 3) of the error with respect to h. Behind the camera: a large constant error without
     derivatives, as GTSAM's own stereo factor.
     """
     fx, fy, cx, cy, baseline = camera[0], camera[1], camera[2], camera[3], camera[4]
@@ -173,7 +173,7 @@ def prior_rows_kernel(
 
 @inner_kernel
 def pose_rows_kernel(q: Array, h: Array, by_h: Array, weight: float, rows: Array) -> None:
-    """Write the derivatives by the pose to columns 0 to 5 of rows, and weight the squares of all.
+    """Write the Jacobian of the pose to columns 0 to 5 of rows, and weight the squares of all.
 
     The others are those that `landmark_rows_kernel` wrote.
     """

@@ -1,4 +1,4 @@
-"""What earlier measurements tell of landmarks once their states have left a window."""
+"""What is known of landmarks from measurements whose states have left a window."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class LandmarkPrior:
 
     For each landmark it is one measurement q = (x / z, y / z, 1 / z) in the camera's frame at that
     state, with an error that also depends on the state x and on variables s that all landmarks
-    share: R (q - seen) + A dx + C s + e ~ N(0, 1), s ~ N(0, 1). Of the state itself it tells
-    nothing; that is in the graph. Relative to the camera, so that no shift or turn of the world
+    share: R (q - seen) + A dx + C s + e ~ N(0, 1), s ~ N(0, 1). It has no information on the
+    state itself; that is in the graph. Relative to the camera, so that no shift or turn of the world
     changes it.
 
     Attributes

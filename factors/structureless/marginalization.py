@@ -6,7 +6,7 @@ Gaussian, y = mu + S dx_b + P s, s ~ N(0, 1), by all factors that touch the stat
 Put into the landmarks' rows it gives their new prior, whose variables s are as many as y has. A
 singular value decomposition leaves the few of them that matter; what the others add goes to each
 landmark's own noise. So the estimate of the states that stay is the one of a graph with all the
-landmarks in it, but the cost of an update does not grow with the time that a landmark is seen.
+landmarks in it, while the cost of an update does not grow with the time a landmark is seen.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ SHARED = 24
 class Marginal(NamedTuple):
     """What is left of measurements whose states leave a window.
 
-    `factor` tells of the states that leave and of the first that stays, what no landmark explains;
-    GTSAM marginalizes it with them. `prior` tells of the landmarks, given the first that stays.
+    `factor` is of the states that leave and of the first that stays; GTSAM marginalises it with
+    them. `prior` is of the landmarks, given the first state that stays.
     """
 
     factor: LinearStatesFactor
@@ -52,7 +52,7 @@ def marginalize(
     drift: ArrayLike = (0.0, 0.0, 0.0),
     shared: int = SHARED,
 ) -> Marginal:
-    """Take the measurements before the state number `count` out of a structureless factor.
+    """Marginalise the measurements before the state number `count` out of a structureless factor.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ All landmarks are eliminated where the factor is evaluated, and what they tell o
 compressed to as many rows as the states have columns. GTSAM then sees a chain of states alone,
 however many landmarks there are (structureless factors: Carlone et al., "Eliminating conditionally
 independent sets in factor graphs", 2014). With Q_c, the states at the measurements' own times are
-eliminated, too (`Bridge`), and with a prior the landmarks know what earlier measurements told.
+eliminated, too (`Bridge`), and a prior carries what earlier measurements know of the landmarks.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
         (n,) their times in seconds.
     landmarks
         (n,) integers: measurements of equal ones are of the same landmark; or one for all. A
-        landmark that is measured once tells nothing.
+        landmark that is measured once has no information on the states.
     model
         Noise model of one measurement, dimension 3. A robust one weights each measurement by
         itself, by the norm of its whitened error.
@@ -58,7 +58,7 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
         Power spectral density, diagonal (6,): every time is then a state of its own, tied to the
         others by the WNOA prior, and eliminated. Without, the states between are interpolated.
     prior
-        What earlier measurements, before the first of the states, tell of the landmarks.
+        What measurements before the first of the states know of the landmarks.
     tolerance
         Variance of the states between that may be neglected, as a share of a measurement's.
 
@@ -178,7 +178,7 @@ class LandmarkWindow:
     def error(
         self, _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
     ) -> Array:
-        """(12 m + 1,) errors, and their derivatives by each pose and velocity if asked."""
+        """Return (12 m + 1,) errors, and their Jacobians of each pose and velocity if asked for."""
         T_states, v_states = self.between.read(values)
         if jacobians is None:
             return self._cost(T_states, v_states)

@@ -45,10 +45,10 @@ def measurement_rows_kernel(
     whitening: Array,
     weights: Array,
 ) -> tuple[Array, Array]:
-    """Weighted rows (m, 3, 31) and derivatives (m, 3, 3) by the landmark of measurements `order`.
+    """Compute weighted rows (m, 3, 31) and Jacobians (m, 3, 3) of landmarks of measurements `order`.
 
-    Columns are the derivative by the states before and after (24) and by xi at the measurement's
-    own time (6), then the error. The measurements n = order[...] are a[n] seconds after the state
+    Columns are the Jacobian with respect to the states before and after (24) and to xi at the
+    measurement's own time (6), then the error. The measurements n = order[...] are a[n] seconds after the state
     first[n] and b[n] before the next one, from the pose T[n], of the landmark of[n].
     """
     local_j, by_states_j = np.empty((len(T_states) - 1, 12)), np.empty((len(T_states) - 1, 12, 24))
@@ -78,7 +78,7 @@ def measurement_rows_kernel(
 def _chain_rule_kernel(
     rows: Array, local: Array, by_states_j: Array, share: Array, result: Array
 ) -> None:
-    """Write the derivatives by both states (24) and by xi (6), of those by the pose between."""
+    """Write Jacobians with respect to both states (24) and xi (6), from that of the pose between."""
     jacobian = se3_polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
     by_pose_i = backward_adjoint_kernel(local)
     velocity, pose_j, rate_j = share[0, 0, 1], share[1, 0, 0], share[1, 0, 1]
@@ -109,8 +109,8 @@ def prior_system_kernel(
 ) -> None:
     """Complete the rows (P, 3, 12 + d + 1) of a prior, and write those by its landmarks (P, 3, 3).
 
-    The columns of rows are those of A and C already; added are the derivative by the pose of the
-    first state and the error.
+    The columns of rows hold A and C already; the Jacobian with respect to the first state's pose
+    and the error are added.
     """
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
     for k in range(len(prior)):
@@ -140,7 +140,7 @@ def add_cross_products_kernel(
     cross: Array,
     own: Array,
 ) -> None:
-    """Add the products of the derivatives by landmarks with all others, and with themselves.
+    """Add products of the Jacobians of landmarks with all others, and with themselves.
 
     Measurement m is of landmark of[m]. Its columns in `cross` (L, 3, size) begin at state[m], of
     both states, and at latent[m], of rank[m] variables of each component of xi, which they
@@ -170,7 +170,7 @@ def add_cross_products_kernel(
 def whiten_kernel(own: Array, cross: Array, known: Array) -> None:
     """Replace each `own` (3, 3) by its root U, UᵀU = own, and `cross` (3, size) by U⁻ᵀ cross.
 
-    Where it is singular, known[k] is 0 instead of 1, and `cross` is zero: nothing tells of that
+    Where it is singular, known[k] is 0 instead of 1, and `cross` is zero: nothing measures that
     landmark.
     """
     for k in range(len(own)):
@@ -244,7 +244,7 @@ def states_between_kernel(
 
 @inner_kernel
 def _local_to_state_kernel(T_i: Array, local: Array, T: Array, v: Array, by_local: Array) -> None:
-    """Write the pose T_i Exp(xi) and the twist Jr(xi) w, and their derivative by (xi, w)."""
+    """Write the pose T_i Exp(xi) and the twist Jr(xi) w, and their Jacobian by (xi, w)."""
     retract_kernel(T_i, local, T, v)
     k = jacobian_coefficients_kernel(local, RIGHT)
     jacobian = se3_polynomial_kernel(local, k)

@@ -119,7 +119,7 @@ class StatesBetween:
         return 0.5 * (total + total.T)
 
     def _linearized(self, i: int, t: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """As of `state_rows_kernel`, at times (n,) between the states i and i + 1."""
+        """Return what `state_rows_kernel` does, at times (n,) between the states i and i + 1."""
         T, v = self.T_states[i : i + 2], self.v_states[i : i + 2]
         a, b = t - self.t_states[i], np.maximum(self.t_states[i + 1] - t, 0.0)
         return state_rows_kernel(T[0], v[0], T[1], v[1], a, b, self._deviation(i, t))

@@ -30,14 +30,14 @@ class ClusteringConfig(StageConfig):
     background_filter: float = Field(
         0.0,
         ge=0,
-        description="Drop events without another one in the pixels around for so many seconds "
-        "before, such as 0.02; 0 keeps all.",
+        description="Drop events without another one in the pixels around within this time before, "
+        "seconds, such as 0.02; 0 keeps all.",
     )
     hot_pixel_ratio: float = Field(
         0.0,
         ge=0,
-        description="Drop events of pixels that had so many times more events than the pixels "
-        "around them, such as 10; 0 keeps all.",
+        description="Drop events of pixels that had more events than this many times those of the "
+        "pixels around them, such as 10; 0 keeps all.",
     )
 
 
@@ -295,7 +295,7 @@ class McRansacConfig(StageConfig):
         2,
         ge=1,
         description="Times that the velocity is refined on its inliers and the segments are judged "
-        "anew; once in the paper.",
+        "again; once in the paper.",
     )
     refinement_iterations: int = Field(
         20, ge=1, description="Largest number of Gauss-Newton steps of the iterative version."
