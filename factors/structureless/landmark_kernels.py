@@ -113,8 +113,8 @@ def landmark_rows_kernel(
     """Write the whitened error to column 9 of rows (3, 10), its Jacobian of q to columns 6 to 8.
 
     Also the point h (3,) in the camera's frame, times the inverse depth in the chart, and the
-    Jacobian by_h (3, 3) of the error with respect to h. Behind the camera: a large constant error without
-    derivatives, as GTSAM's own stereo factor.
+    Jacobian by_h (3, 3) of the error with respect to h. Behind the camera there is a large constant
+    error without Jacobians, as in GTSAM's own stereo factor.
     """
     fx, fy, cx, cy, baseline = camera[0], camera[1], camera[2], camera[3], camera[4]
     dx, dy, dz = chart[0, 3] - T[0, 3], chart[1, 3] - T[1, 3], chart[2, 3] - T[2, 3]

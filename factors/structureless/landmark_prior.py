@@ -18,8 +18,8 @@ class LandmarkPrior:
     For each landmark it is one measurement q = (x / z, y / z, 1 / z) in the camera's frame at that
     state, with an error that also depends on the state x and on variables s that all landmarks
     share: R (q - seen) + A dx + C s + e ~ N(0, 1), s ~ N(0, 1). It has no information on the
-    state itself; that is in the graph. Relative to the camera, so that no shift or turn of the world
-    changes it.
+    state itself; that is in the graph. All is relative to the camera, so that no shift or turn of
+    the world changes it.
 
     Attributes
     ----------

@@ -130,6 +130,8 @@ def _leaving_given_next(system: JointSystem, others: Array, count: int) -> _Leav
     H[columns[:, None], columns] += others
     y = np.concatenate([np.arange(first), np.arange(first + 12, last)])
     following = np.append(np.arange(first, first + 12), last)
+    if not (np.diag(H)[y] > 0).all():
+        raise np.linalg.LinAlgError("no factor tells of a state that leaves")
     unit = 1 / np.sqrt(np.diag(H)[y])
     root = np.linalg.cholesky(unit[:, None] * H[np.ix_(y, y)] * unit)
     spread = unit[:, None] * np.linalg.inv(root).T
@@ -178,7 +180,7 @@ def _compressed(by_shared: Array, count: int) -> tuple[Array, Array]:
 
 def _times(rows: Array, matrix: Array) -> Array:
     """Product (P, 3, n) of rows (P, 3, m) with one matrix (m, n), in one call of BLAS."""
-    return (rows.reshape(-1, rows.shape[2]) @ matrix).reshape(*rows.shape[:2], -1)
+    return (rows.reshape(-1, rows.shape[2]) @ matrix).reshape(*rows.shape[:2], matrix.shape[1])
 
 
 def _drifted(prior: LandmarkPrior, window: LandmarkWindow, drift: Array) -> LandmarkPrior:

@@ -45,11 +45,11 @@ def measurement_rows_kernel(
     whitening: Array,
     weights: Array,
 ) -> tuple[Array, Array]:
-    """Compute weighted rows (m, 3, 31) and Jacobians (m, 3, 3) of landmarks of measurements `order`.
+    """Compute weighted rows (m, 3, 31), and Jacobians (m, 3, 3) of landmarks, of measurements.
 
     Columns are the Jacobian with respect to the states before and after (24) and to xi at the
-    measurement's own time (6), then the error. The measurements n = order[...] are a[n] seconds after the state
-    first[n] and b[n] before the next one, from the pose T[n], of the landmark of[n].
+    measurement's own time (6), then the error. The measurements n = order[...] are a[n] seconds
+    after the state first[n] and b[n] before the next one, from the pose T[n], of the landmark of[n].
     """
     local_j, by_states_j = np.empty((len(T_states) - 1, 12)), np.empty((len(T_states) - 1, 12, 24))
     for i in range(len(local_j)):
@@ -78,7 +78,7 @@ def measurement_rows_kernel(
 def _chain_rule_kernel(
     rows: Array, local: Array, by_states_j: Array, share: Array, result: Array
 ) -> None:
-    """Write Jacobians with respect to both states (24) and xi (6), from that of the pose between."""
+    """Write Jacobians with respect to both states (24) and xi (6), from that of the pose."""
     jacobian = se3_polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
     by_pose_i = backward_adjoint_kernel(local)
     velocity, pose_j, rate_j = share[0, 0, 1], share[1, 0, 0], share[1, 0, 1]
