@@ -49,7 +49,7 @@ def measurement_rows_kernel(
 
     Columns are the Jacobian with respect to the states before and after (24) and to xi at the
     measurement's own time (6), then the error. The measurements n = order[...] are a[n] seconds
-    after the state first[n] and b[n] before the next one, from the pose T[n], of the landmark of[n].
+    after the state first[n] and b[n] before the next one, from the pose T[n], of landmark of[n].
     """
     local_j, by_states_j = np.empty((len(T_states) - 1, 12)), np.empty((len(T_states) - 1, 12, 24))
     for i in range(len(local_j)):
