@@ -315,7 +315,8 @@ class FixedLagSmoother:
         motion = self._build.motion(self.window, t)
         update.add_factors([*self._prior_on_first_state(), *motion, *self._own.active])
         update.add_states(self._window)
-        self._landmarks.add_all_to(update, self._window, forget)
+        # A prior is of the first state; with another one it says nothing.
+        self._landmarks.add_all_to(update, self._window, forget or leaving > 0)
         return update
 
     def _knots_until(self, stop: float) -> CovarianceKnots:

@@ -21,8 +21,6 @@ from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.states import States, bracket
 
 Array = NDArray[np.float64]
-NEARBY = 0.1
-"""Largest change of the first state's pose, rad and m, at which a prior is still one of it."""
 
 
 class WindowLandmarks:
@@ -64,13 +62,9 @@ class WindowLandmarks:
         self._follow(update, window.after(leaving))
 
     def add_all_to(self, update: GraphUpdate, window: NumberedStates, forget: bool) -> None:
-        """Add all measurements in the window to a new smoother; what was before may be forgotten.
-
-        If it is, or if the window's first state is another one now, landmarks start from nothing.
-        """
+        """Add all measurements in the window to a new smoother; what was before may be forgotten."""
         self.measurements = self.measurements[self.measurements.t >= window.states.t[0]]
-        moved = np.abs(self._prior.T_world_cam - window.states.T_world_cam[0]).max() > NEARBY
-        if forget or moved:
+        if forget:
             self._prior = LandmarkPrior.none()
         self.index = None
         self._follow(update, window)
