@@ -325,7 +325,8 @@ class FixedLagSmoother:
         solved = self._keys.t[: self._solved]
         end = solved[min(int(np.searchsorted(solved, stop - SAME_TIME)), len(solved) - 1)]
         t = self._states.t[(self._states.t > start) & (self._states.t <= end)]
-        between = state_times(t, self._config.covariance_interval, start)
+        inner = t if self._build.unique_times else t[:0]  # between key states the prior is exact
+        between = state_times(inner, self._config.covariance_interval, start)
         keys = solved[(solved > start) & (solved <= end)]
         times = np.unique(np.concatenate([[start], between, keys]))
         if len(times) < 2:
