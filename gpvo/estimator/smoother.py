@@ -264,7 +264,8 @@ class FixedLagSmoother:
         self._report(LEFT_OUT)
         self._landmarks.clear()
         self._keys = self._keys[:1].at(self._keys.t)
-        self._failure(self._window_again())
+        if self._failure(self._window_again()) is not None:
+            self._states, self._between, self._solved = self._keys, None, len(self._keys)
 
     def _report(self, reason: str) -> None:
         key = gtsam.DefaultKeyFormatter(X(self._first))

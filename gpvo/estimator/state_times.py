@@ -38,19 +38,19 @@ def state_times(t: Array, interval: float, after: float = -np.inf) -> Array:
 def key_times(last: float, measured: Array, stop: float, interval: float) -> Array:
     """Return times of states after the last one up to `stop`, an interval or less apart.
 
-    In a gap before the first measurement there is none except at its end.
+    A gap in the measurements (N,) that is longer than the interval has no state between its ends.
     """
     if stop - last <= SAME_TIME:
         return np.empty(0)
-    later = measured[measured > last]
-    start = min(float(later.min()) if len(later) else stop, stop)
-    times = [last]
-    if start - last > interval:
-        times.append(start)
-    if stop - times[-1] > SAME_TIME:
-        count = int(np.ceil((stop - times[-1]) / interval - 1e-6))
-        times += np.linspace(times[-1], stop, max(count, 1) + 1)[1:].tolist()
-    return np.array(times[1:])
+    inside = measured[(measured > last + SAME_TIME) & (measured < stop - SAME_TIME)]
+    points = np.concatenate([[last], np.unique(inside), [stop]])
+    gaps = np.flatnonzero(np.diff(points) > interval)
+    starts, ends = points[np.append(0, gaps + 1)], points[np.append(gaps, len(points) - 1)]
+    times: list[float] = []
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        count = int(np.ceil((end - start) / interval - 1e-6))
+        times += np.linspace(start, end, max(count, 0) + 1).tolist()
+    return state_times(np.array(times), 0.0, last)
 
 
 def key_interval(noise: NoiseConfig, camera: StereoCamera, disparity: float) -> float:

@@ -62,7 +62,7 @@ class WindowLandmarks:
         self._follow(update, window.after(leaving))
 
     def add_all_to(self, update: GraphUpdate, window: NumberedStates, forget: bool) -> None:
-        """Add all measurements in the window to a new smoother; what was before may be forgotten."""
+        """Add all measurements in the window to a new smoother; the prior may be forgotten."""
         self.measurements = self.measurements[self.measurements.t >= window.states.t[0]]
         if forget:
             self._prior = LandmarkPrior.none()
