@@ -8,7 +8,7 @@ from typing import Any
 
 import gtsam
 import numpy as np
-from graphs import CAMERA, NOISE, QC
+from graphs import CAMERA
 from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
@@ -25,6 +25,8 @@ Index = NDArray[np.int64]
 
 PERIOD = 0.05
 TWIST = np.array([0.1, -0.2, 0.15, 0.3, -0.1, 0.4])
+QC = np.array([0.2, 0.2, 0.2, 0.5, 0.5, 0.5])  # deviations between states as large as the noise
+NOISE = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.1, 0.15, 0.2]))
 TIGHT = gtsam.noiseModel.Isotropic.Sigma(6, 1e-6)
 
 
@@ -78,10 +80,14 @@ class Window:
         t, landmark = t[inside][order], landmark[inside][order]
         t_all = np.union1d(t_states, t)
         T_all, v_all = _motion(t_all, twist, qc, rng)
-        stereo = np.column_stack([*rng.uniform(40, 260, (2, landmarks)), rng.uniform(5, 16, landmarks)])
+        stereo = np.column_stack(
+            [*rng.uniform(40, 260, (2, landmarks)), rng.uniform(5, 16, landmarks)]
+        )
         T_birth = se3_exp(begin[:, None] * twist)
         points = _moved(T_birth, CAMERA.triangulate(stereo))
-        measured = CAMERA.project(_moved(se3_inverse(T_all[t_all.searchsorted(t)]), points[landmark]))
+        measured = CAMERA.project(
+            _moved(se3_inverse(T_all[t_all.searchsorted(t)]), points[landmark])
+        )
         measured += noise * rng.normal(size=measured.shape) * NOISE.sigmas()
         return Window(t_states, measured, t, landmark, points, t_all, T_all, v_all)
 
@@ -195,7 +201,7 @@ def retracted(values: gtsam.Values, step: Array, keys: list[int]) -> gtsam.Value
 def moved_world(values: gtsam.Values, S: Array) -> gtsam.Values:
     """All poses seen from another world."""
     moved = gtsam.Values(values)
-    for key in values.keys():
+    for key in list(values.keys()):
         if gtsam.Symbol(key).chr() == ord("x"):
             moved.update(key, gtsam.Pose3(S @ values.atPose3(key).matrix()))
     return moved

@@ -1,0 +1,280 @@
+"""States leave a window, and nothing that was known of the others and of landmarks is lost."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import gtsam
+import numpy as np
+import pytest
+from graphs import CAMERA
+from numpy.typing import NDArray
+from windows import (
+    NOISE,
+    QC,
+    Window,
+    chain,
+    graph_of,
+    in_sigmas,
+    keys,
+    mean_and_covariance,
+    moved_world,
+    of_correlations,
+    retracted,
+)
+
+from factors import LandmarkPrior, Marginal, StructurelessStereoFactor, marginalize
+from factors.lie import se3_exp
+
+Array = NDArray[np.float64]
+
+WINDOW = Window.simulated(count=5, landmarks=20)
+ALL = 10_000  # more variables than any prior here has
+PROCESS = pytest.mark.parametrize("qc", [None, QC], ids=["interpolated", "own states"])
+
+
+def information_of_the_prior(prior: LandmarkPrior, state: bool = True) -> Array:
+    """JᵀJ of the landmarks' coordinates, the state and the shared variables, in this order."""
+    count, d = len(prior), prior.shared
+    J = np.zeros((3 * count + d, 3 * count + 12 + d))
+    for k in range(count):
+        rows = slice(3 * k, 3 * k + 3)
+        J[rows, rows] = prior.root[k]
+        J[rows, 3 * count : -d or None] = prior.by_state[k]
+        J[rows, 3 * count + 12 :] = prior.by_shared[k]
+    J[3 * count :, 3 * count + 12 :] = np.eye(d)
+    return J.T @ J
+
+
+def given_state(prior: LandmarkPrior) -> Array:
+    """(3 P, 3 P) covariance of the landmarks' coordinates, given the state."""
+    R = np.linalg.inv(prior.root)
+    gain = (R @ prior.by_shared).reshape(3 * len(prior), -1)
+    spread = gain @ gain.T
+    for k in range(len(prior)):
+        rows = slice(3 * k, 3 * k + 3)
+        spread[rows, rows] += R[k] @ R[k].T
+    return spread
+
+
+def marginal(
+    window: Window,
+    values: gtsam.Values,
+    qc: Any,
+    count: int,
+    tolerance: float = 1e-14,
+    **options: Any,
+) -> Marginal:
+    """The first `count` states leave."""
+    factor = window.factor(0, qc, None if qc is not None else LandmarkPrior.none(), tolerance)
+    others = window.chain(0, count, QC)
+    options = {"shared": ALL, **options}
+    return marginalize(factor, values, count, others, window.later(count), **options)
+
+
+@PROCESS
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_states_that_stay_are_where_they_were_and_as_certain(qc: Any, count: int) -> None:
+    values, all_keys = WINDOW.truth, keys(0, WINDOW.count)
+    motion = WINDOW.chain(0, WINDOW.count - 1)
+    whole = mean_and_covariance(graph_of(motion, WINDOW.factor(0, qc)), values, all_keys)
+    left = marginal(WINDOW, values, qc, count)
+    following = WINDOW.factor(count, qc, left.prior)
+    found = mean_and_covariance(graph_of(motion, left.factor, following), values, all_keys)
+    without = graph_of(motion, left.factor, WINDOW.factor(count, qc))
+    forgotten = mean_and_covariance(without, values, all_keys)[1]
+    stay = slice(12 * count, None)
+    assert of_correlations(forgotten[stay, stay], whole[1][stay, stay]) > 0.05  # landmarks matter
+    assert in_sigmas(found[0][stay], whole[0][stay], whole[1][stay, stay]) < 1e-9
+    assert of_correlations(found[1][stay, stay], whole[1][stay, stay]) < 1e-9
+
+
+@PROCESS
+def test_noise_moves_the_states_that_stay_as_in_the_whole_window(qc: Any) -> None:
+    """Where the values are the optimum, both are linearised there."""
+    window = Window.simulated(count=4, landmarks=20, noise=0.2, qc=QC, seed=3)
+    all_keys, motion = keys(0, 4), window.chain(0, 3)
+    tolerance = 1e-6
+    graph, values = graph_of(motion, window.factor(0, qc, None, tolerance)), window.truth
+    for _ in range(4):
+        values = retracted(values, mean_and_covariance(graph, values, all_keys)[0], all_keys)
+    whole = mean_and_covariance(graph, values, all_keys)
+    left = marginal(window, values, qc, 2, tolerance)
+    following = window.factor(2, qc, left.prior, tolerance)
+    found = mean_and_covariance(graph_of(motion, left.factor, following), values, all_keys)
+    stay = slice(24, None)
+    assert in_sigmas(found[0][stay], whole[0][stay], whole[1][stay, stay]) < 0.005
+    assert of_correlations(found[1][stay, stay], whole[1][stay, stay]) < 0.005
+
+
+@PROCESS
+def test_twice_in_a_row(qc: Any) -> None:
+    """What the first marginalisation left of states and landmarks is marginalised again."""
+    values, all_keys = WINDOW.truth, keys(0, WINDOW.count)
+    motion = WINDOW.chain(0, WINDOW.count - 1)
+    whole = mean_and_covariance(graph_of(motion, WINDOW.factor(0, qc)), values, all_keys)
+    first = marginal(WINDOW, values, qc, 1)
+    before = graph_of(WINDOW.chain(0, 1), first.factor)
+    # What the state that left tells of the first that stays, as GTSAM would marginalise it.
+    information = before.linearize(values).eliminatePartialMultifrontal(
+        ordering(keys(0, 1)), gtsam.EliminateQR
+    )[1]
+    held = graph_of(
+        *(gtsam.LinearContainerFactor(part, values) for part in factors_of(information))
+    )
+    between = WINDOW.factor(1, qc, first.prior)
+    second = marginalize(
+        between, values, 2, graph_of(held, WINDOW.chain(1, 3)), WINDOW.later(3), shared=ALL
+    )
+    following = WINDOW.factor(3, qc, second.prior)
+    graph = graph_of(motion, first.factor, second.factor, following)
+    found = mean_and_covariance(graph, values, all_keys)
+    stay = slice(36, None)
+    assert in_sigmas(found[0][stay], whole[0][stay], whole[1][stay, stay]) < 1e-9
+    assert of_correlations(found[1][stay, stay], whole[1][stay, stay]) < 1e-9
+
+
+def ordering(of: list[int]) -> gtsam.Ordering:
+    result = gtsam.Ordering()
+    for key in of:
+        result.push_back(key)
+    return result
+
+
+def factors_of(graph: gtsam.GaussianFactorGraph) -> list[Any]:
+    return [graph.at(n) for n in range(graph.size())]
+
+
+@PROCESS
+def test_a_prior_by_itself_tells_nothing_of_the_states(qc: Any) -> None:
+    values = WINDOW.truth
+    prior = marginal(WINDOW, values, qc, 2).prior
+    none = np.empty((0, 3)), [], np.empty(0, int)
+    states = WINDOW.states[2:]
+    factor = StructurelessStereoFactor(*none, NOISE, states, CAMERA, qc, prior)
+    A, b = factor.linearize(values).jacobian()
+    scale = np.sqrt(np.einsum("prc,prc->c", prior.by_state, prior.by_state)).max()
+    assert np.abs(A).max() < 1e-5 * scale
+    assert np.abs(b).max() < 1e-9
+
+
+@PROCESS
+def test_the_world_frame_does_not_matter(qc: Any) -> None:
+    """Neither to what is marginalised nor to what is done with it."""
+    values, S = WINDOW.truth, se3_exp(np.array([0.5, -1.0, 0.7, 2.0, -3.0, 1.0]))
+    here = marginal(WINDOW, values, qc, 2)
+    factor = WINDOW.factor(0, qc, None if qc is not None else LandmarkPrior.none())
+    others = chain(WINDOW.t_states, 0, 2, moved_world(values, S))
+    there = marginalize(factor, moved_world(values, S), 2, others, WINDOW.later(2), shared=ALL)
+    np.testing.assert_allclose(there.prior.seen, here.prior.seen, atol=1e-9)
+    expected = given_state(here.prior)
+    assert of_correlations(given_state(there.prior), expected) < 1e-9
+    step = np.random.default_rng(0).normal(size=6 * len(keys(0, 5))) * 1e-3
+    near = retracted(values, step, keys(0, 5))
+    far = moved_world(near, S)
+    assert of_error(there.factor, far) == pytest.approx(of_error(here.factor, near), rel=1e-6)
+    following = WINDOW.factor(2, qc, here.prior), WINDOW.factor(2, qc, there.prior)
+    moved = dataclasses.replace(here.prior, T_world_cam=S @ here.prior.T_world_cam)
+    same = WINDOW.factor(2, qc, moved)
+    (A, b), (A_far, b_far) = (
+        each.linearize(at).jacobian() for each, at in ((following[0], near), (same, far))
+    )
+    np.testing.assert_allclose(A_far.T @ A_far, A.T @ A, atol=1e-6 * np.abs(A.T @ A).max())
+    np.testing.assert_allclose(A_far.T @ b_far, A.T @ b, atol=1e-6 * np.abs(A.T @ b).max())
+    for each in (following[1], same):
+        assert of_error(each, far) == pytest.approx(of_error(following[0], near), rel=1e-4)
+
+
+def of_error(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> float:
+    return float(factor.error(values))
+
+
+def test_few_shared_variables_stand_for_all() -> None:
+    """Of many landmarks: the errors that they share come from few states."""
+    window = Window.simulated(count=4, landmarks=60, seed=1)
+    values, motion = window.truth, window.chain(0, 3)
+    qc, stay, tolerance = QC, slice(24, None), 1e-4
+    found = {}
+    for shared in (0, 24, ALL):
+        left = marginal(window, values, qc, 2, tolerance, shared=shared)
+        assert left.prior.shared <= shared
+        following = window.factor(2, qc, left.prior, tolerance)
+        graph = graph_of(motion, left.factor, following)
+        found[shared] = mean_and_covariance(graph, values, keys(0, 4))[1][stay, stay]
+    assert of_correlations(found[24], found[ALL]) < 0.05
+    assert of_correlations(found[24], found[ALL]) < 0.5 * of_correlations(found[0], found[ALL])
+
+
+def test_fewer_shared_variables_leave_each_landmark_as_certain() -> None:
+    """What the others add goes to the landmark's own noise: only correlations are lost."""
+    values = WINDOW.truth
+    few, many = (marginal(WINDOW, values, QC, 2, shared=n).prior for n in (6, ALL))
+    assert few.shared == 6
+    for k in range(len(many)):
+        own = slice(3 * k, 3 * k + 3)
+        expected = given_state(many)[own, own]
+        assert of_correlations(given_state(few)[own, own], expected) < 1e-6
+
+
+def test_drift_makes_landmarks_less_certain() -> None:
+    values = WINDOW.truth
+    still, drifted, farther = (
+        marginal(WINDOW, values, QC, 2, drift=(d, d, 2 * d)).prior for d in (0, 0.3, 0.6)
+    )
+    for sharper, wider in ((still, drifted), (drifted, farther)):
+        np.testing.assert_array_equal(wider.seen, sharper.seen)
+        less = information_of_the_prior(sharper) - information_of_the_prior(wider)
+        scale = np.sqrt(np.diag(information_of_the_prior(sharper)))
+        assert np.linalg.eigvalsh(less / np.outer(scale, scale))[0] > -1e-10
+    # Of each landmark by itself it is the variance of the tracks that is added, given the state.
+    pixels = np.array([0.3, 0.3, 0.6]) / [CAMERA.fx, CAMERA.fy, CAMERA.fx * CAMERA.baseline]
+    added = given_state(drifted) - given_state(still)
+    expected = np.diag(np.tile(pixels**2, len(still)))
+    np.testing.assert_allclose(added, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
+def test_only_landmarks_that_are_kept_and_measured_are_in_the_prior() -> None:
+    values, count = WINDOW.truth, 2
+    left = marginal(WINDOW, values, QC, count)
+    before = np.unique(WINDOW.landmark[WINDOW.t < WINDOW.t_states[count]])
+    assert set(left.prior.number) <= set(before) & set(WINDOW.later(count))
+    assert (np.diff(left.prior.number) > 0).all()
+    factor, others = WINDOW.factor(0, QC), WINDOW.chain(0, count)
+    nothing = marginalize(factor, values, count, others, np.empty(0, int))
+    assert len(nothing.prior) == 0
+
+
+def test_landmarks_that_are_lost_are_no_landmarks_of_the_states_either() -> None:
+    """Without later measurements the factor of the states alone is the whole truth."""
+    values, count = WINDOW.truth, 4
+    early = WINDOW.t < WINDOW.t_states[count]
+    assert early.all()  # nothing is measured after the last state
+    motion = WINDOW.chain(0, count)
+    whole = mean_and_covariance(graph_of(motion, WINDOW.factor(0, QC)), values, keys(0, 5))
+    left = marginalize(WINDOW.factor(0, QC), values, count, motion, [], shared=ALL)
+    found = mean_and_covariance(graph_of(motion, left.factor), values, keys(0, 5))
+    assert in_sigmas(found[0], whole[0], whole[1]) < 1e-9
+    assert of_correlations(found[1], whole[1]) < 1e-9
+
+
+@pytest.mark.parametrize("count", [-1, 0, 5, 6])
+def test_one_state_leaves_and_one_stays_at_least(count: int) -> None:
+    factor, others = WINDOW.factor(0, QC), WINDOW.chain(0, 1)
+    with pytest.raises(ValueError, match="count"):
+        marginalize(factor, WINDOW.truth, count, others, [])
+
+
+def test_states_that_nothing_holds_are_refused() -> None:
+    """Neither a start nor a motion prior, and landmarks measured once."""
+    states = WINDOW.states[:3]
+    measured, times = WINDOW.measured[:2], WINDOW.t[:2]
+    factor = StructurelessStereoFactor(measured, times, [0, 1], NOISE, states, CAMERA, QC)
+    with pytest.raises(ValueError, match="not determined"):
+        marginalize(factor, WINDOW.truth, 1, gtsam.NonlinearFactorGraph(), [0, 1])
+
+
+@pytest.mark.parametrize("drift", [(0.1, 0.1), (0.1, np.nan, 0.1), 0.1])
+def test_drift_is_of_three_coordinates(drift: Any) -> None:
+    with pytest.raises(ValueError, match="drift"):
+        marginal(WINDOW, WINDOW.truth, QC, 1, drift=drift)
