@@ -109,7 +109,7 @@ class FittedLandmarks:
         for _ in range(_MAX_STEPS):
             before, weights = found[0], self.loss.weights(found[1])
             found = self._stepped(T, charts, before, T_first, offset, weights, 1)
-            if np.abs(found[0] - before).max() <= _TOLERANCE:
+            if np.abs(found[0] - before).max(initial=0.0) <= _TOLERANCE:
                 break
         return Fit(T, charts, *found, self.loss.weights(found[1]))
 

@@ -94,6 +94,8 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
         checked_noise(model, 3)
         if prior is None and len(t) < 2:
             raise ValueError(f"measured must have two rows or more, not {len(t)}")
+        if not tolerance >= 0:
+            raise ValueError(f"tolerance must not be negative, not {tolerance}")
         roots = None if qc is None else np.sqrt(_diagonal(qc))
         order = np.lexsort((t, number))
         self._place = np.argsort(order)
@@ -275,6 +277,8 @@ class LandmarkWindow:
     ) -> Array:
         """Return squared Mahalanobis distances (n,) of other measurements from their prediction."""
         at, distance = self.linearized(T_states, v_states), np.full(len(t), np.nan)
+        if not len(at.system.known):
+            return distance
         of = np.minimum(np.searchsorted(self.landmarks.number, number), len(at.system.known) - 1)
         known = (self.landmarks.number[of] == number) & (at.system.known[of] > 0)
         if not known.any():
