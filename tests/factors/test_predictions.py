@@ -199,5 +199,5 @@ def test_the_wrong_argument_is_named(name: str, change: dict[str, Any]) -> None:
     at = known(WINDOW)
     n = int(WINDOW.landmark[~NEW][0])
     good = {"measured": [[200.0, 130.0, 8.0]], "times": [0.1], "landmarks": [n]}
-    with pytest.raises(ValueError, match=f"^{name}"):
+    with pytest.raises(ValueError, match=name):
         at.factor.squared_distances(at.values, **{**good, **change}, covariance=at.covariance)
