@@ -311,6 +311,7 @@ class FixedLagSmoother:
             self._final.append(self._states[:last])
             self._states = self._states[last:]
             self._first, self._keys = self._first + leaving, self._keys[leaving:]
+            self._own.keep({key(k) for k in self.window for key in (X, V)})
         self._start_smoother()
         update, t = GraphUpdate(), self._keys.t
         motion = self._build.motion(self.window, t)
