@@ -34,6 +34,7 @@ from benchmarks.factors_problem import (
 from benchmarks.factors_pysteam import pysteam_step
 from benchmarks.turns import fastest
 from factors import optimize
+from gpvo.estimator.blas_threads import one_blas_thread
 
 Call = Callable[[], object]
 
@@ -180,7 +181,8 @@ def main(plot: Path | None = None) -> None:
     table = Table("measured", "here", "wanted")
     sections = single_factors, growth, gauss_newton, key_states_window, first_order, cost_per_state
     for section in sections:
-        section(table)
+        with one_blas_thread():  # as in the estimator
+            section(table)
         table.add_section()
     Console().print(table)
     if plot:

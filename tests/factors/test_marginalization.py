@@ -29,7 +29,7 @@ from factors.lie import se3_exp
 
 Array = NDArray[np.float64]
 
-WINDOW = Window.simulated(count=5, landmarks=20)
+WINDOW = Window.simulated(count=5, landmarks=14, seen=6)
 ALL = 10_000  # more variables than any prior here has
 PROCESS = pytest.mark.parametrize("qc", [None, QC], ids=["interpolated", "own states"])
 
@@ -93,7 +93,7 @@ def test_the_states_that_stay_are_where_they_were_and_as_certain(qc: Any, count:
 @PROCESS
 def test_noise_moves_the_states_that_stay_as_in_the_whole_window(qc: Any) -> None:
     """Where the values are the optimum, both are linearised there."""
-    window = Window.simulated(count=4, landmarks=20, noise=0.2, qc=QC, seed=3)
+    window = Window.simulated(count=4, landmarks=12, noise=0.2, qc=QC, seed=3)
     all_keys, motion = keys(0, 4), window.chain(0, 3)
     tolerance = 1e-6
     graph, values = graph_of(motion, window.factor(0, qc, None, tolerance)), window.truth
