@@ -71,10 +71,11 @@ class Window:
         units of the noise model's.
         """
         rng = np.random.default_rng(seed)
-        t_states, end = PERIOD * np.arange(count), PERIOD * (count - 1)
+        t_states: Array = np.linspace(0.0, PERIOD * (count - 1), count)
+        end = t_states[-1]
         landmark = np.repeat(np.arange(landmarks), seen)
         begin = rng.uniform(-2 * PERIOD, end - PERIOD, landmarks)
-        t = np.round(begin[landmark] + 3 * PERIOD * rng.uniform(size=len(landmark)), 7)
+        t: Array = np.round(begin[landmark] + 3 * PERIOD * rng.uniform(size=len(landmark)), 7)
         inside = (t >= 0) & (t < end) & ~np.isin(t, t_states)
         order = np.argsort(t[inside])
         t, landmark = t[inside][order], landmark[inside][order]
