@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from factors.kernels import Array, inner_kernel, kernel
 
+_ROUNDING = 1e-13  # of a variance: what is left of it after elimination is no number any more
+
 
 @dataclass(frozen=True, eq=False)
 class Bridge:
@@ -144,7 +146,8 @@ def pivoted_cholesky_kernel(
         for n in range(1, m):
             if left[n] * scale[n] > left[best] * scale[best]:
                 best = n
-        if not left[best] * scale[best] > tolerance:
+        rounding = _ROUNDING * _covariance_kernel(times[best], times[best], duration)
+        if not (left[best] * scale[best] > tolerance and left[best] > rounding):
             break
         pivots[rank], root = best, np.sqrt(left[best])
         for n in range(m):

@@ -71,9 +71,10 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
     Notes
     -----
     Its errors are 12 for each state and one more; half their squared norm is the cost of all
-    measurements, and the derivative gives its gradient: exact without Q_c and prior, with them to
-    first order in the eliminated variables. While a landmark is behind one of the cameras, that
-    measurement has GTSAM's large constant error and no derivative.
+    measurements, and the Jacobian gives its gradient: exact without Q_c and prior, with them to
+    first order in the eliminated variables, whose robust weights are those of interpolated states.
+    While a landmark is behind one of the cameras, that measurement has GTSAM's large constant error
+    and no Jacobian. One factor of many landmarks is much faster than one factor for each.
     """
 
     def __init__(
@@ -138,6 +139,9 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
         t = checked_times(times, len(measurements))
         number = _checked_landmarks(landmarks, len(t))
         states = self.window.between.read(values)
+        size = 12 * len(states[0])
+        if np.shape(covariance) != (size, size):
+            raise ValueError(f"covariance must be ({size}, {size}), not {np.shape(covariance)}")
         return self.window.squared_distances(*states, measurements, t, number, covariance)
 
 
@@ -301,7 +305,12 @@ class LandmarkWindow:
             np.ones(len(t)),
         )
         first = 12 * between.first[order]
+        a, b = between.a[order], between.b[order]
+        # Given both states, the variance of xi between them is Q_c a^3 b^3 / (3 (a + b)^3).
+        own = rows[:, :, 24:30] * (0.0 if self.qc_root is None else self.qc_root)
+        bridge = (a * b / (a + b)) ** 3 / 3
         error, spread = at.system.predicted(of[order], first, rows, by_landmark, covariance)
+        spread += bridge[:, None, None] * (own @ own.transpose(0, 2, 1))
         solved = np.linalg.solve(spread, error[..., None])[..., 0]
         distance[order] = np.einsum("nr,nr->n", error, solved)
         return distance
