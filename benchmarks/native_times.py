@@ -114,14 +114,14 @@ def run(recording: Recording, tracked: Tracked, variant: Variant) -> tuple[Traje
     tracklets = Tracklets(config.tracklets)
     estimator = make_estimator(camera, config.noise, config.estimator)
     rng, counts = np.random.default_rng(config.seed), []
-    for frame, (cluster, observations) in enumerate(_timed(tracked, variant)):
+    for cluster, observations in _timed(tracked, variant):
         tracklets.add(cluster, observations)
         earlier, later = tracklets.pairs(config.mc_ransac.span)
         landmarks = later.landmark
         estimate = fitted(segments_between(earlier, later), camera, config, variant.rejection, rng)
         inliers = landmarks[estimate.inliers] if estimate is not None else landmarks[:0]
         tracklets.reject(np.setdiff1d(landmarks, inliers))
-        estimator.update(frame, cluster.stop, tracklets.take(inliers), estimate)
+        estimator.update(cluster.stop, tracklets.take(inliers), estimate)
         counts.append(len(inliers))
     trajectory = estimator.trajectory(recording.start_ns)
     assert trajectory is not None, "nothing could be tracked"

@@ -1,7 +1,10 @@
 """What the estimators cost per cluster, and by how much their trajectories differ.
 
 python -m benchmarks.smoother                  room1_indoor1, if it is there, and simulations
-python -m benchmarks.smoother --minutes 10     and long streams: memory and constant cost
+python -m benchmarks.smoother --minutes 10     and a long stream: memory and constant cost
+python -m benchmarks.smoother --runs 20        and long tracks: accuracy beside GTSAM's own
+
+GTSAM's own is its fixed-lag smoother with every landmark as a variable (`reference_smoother`).
 """
 
 from __future__ import annotations
@@ -11,19 +14,19 @@ from collections.abc import Iterable
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
-from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.reference_smoother import ReferenceSmoother, long_tracks, position_errors
 from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
 from gpvo.config import Configuration, EstimatorConfig, NoiseConfig, load_configuration
-from gpvo.estimator import FixedLagSmoother, Repair, make_estimator
+from gpvo.estimator import Diagnostic, FixedLagSmoother, make_estimator, one_blas_thread
 from gpvo.events import cluster_events
 from gpvo.mc_ransac import VelocityFit
 from gpvo.odometry import Odometry
@@ -33,29 +36,26 @@ from gpvo.tracking import Measurements
 from gpvo.trajectory import States, Trajectory
 
 Array = NDArray[np.float64]
-Update = tuple[int, float, Measurements, VelocityFit | None]
+Update = tuple[float, Measurements, VelocityFit | None]
 
 RECORDINGS = Path(__file__).parents[2] / "shared" / "recordings"
-UNIQUE = EstimatorConfig(state_interval=0.0)
-REAL_TIME = EstimatorConfig(method="fixed_lag", state_interval=0.1, window=6)
-MODES = {
-    "Gauss-Newton, unique times": UNIQUE,
-    "Gauss-Newton, key times 25 ms": EstimatorConfig(state_interval=0.025),
-    "GTSAM, key times 100 ms, eliminated": REAL_TIME,
-    "GTSAM, key times 100 ms, variables": REAL_TIME.model_copy(update={"landmarks": "variables"}),
-    "GTSAM, key times 25 ms, variables": EstimatorConfig(
-        method="fixed_lag", state_interval=0.025, landmarks="variables"
-    ),
-    "GTSAM, unique times by QR": EstimatorConfig(method="fixed_lag", state_interval=0.0),
+UNIQUE = EstimatorConfig()
+REFERENCE = "GTSAM, landmarks as variables"
+MODES: dict[str, EstimatorConfig | None] = {
+    "fixed lag, unique times": UNIQUE,
+    "fixed lag, key times 100 ms interpolated": EstimatorConfig(state_interval=0.1),
     "batch, key times 25 ms": EstimatorConfig(method="batch", state_interval=0.025),
-    "batch, unique times": EstimatorConfig(method="batch", state_interval=0.0),
+    "batch, unique times": EstimatorConfig(method="batch"),
+    REFERENCE: None,
 }
-"""GTSAM has landmarks that are eliminated before, or as variables; at unique times these."""
-STREAMED = {"gauss_newton": UNIQUE, "fixed_lag": REAL_TIME}
-SMOOTHERS: dict[str, type[GaussNewtonSmoother] | type[FixedLagSmoother]] = {
-    "gauss_newton": GaussNewtonSmoother,
-    "fixed_lag": FixedLagSmoother,
+"""The last has key states at the clusters' ends, and each of the others' lag."""
+TRACKS = {
+    "5 clusters": (5, 10, False),
+    "20 clusters": (20, 3, False),
+    "for ever": (1000, 2, False),
+    "30 clusters, seen in every other three": (30, 3, True),
 }
+"""How long landmarks are measured, how many are new in each cluster, and if only now and then."""
 WARM_UP = 10
 """Clusters that compile the kernels before the clock starts."""
 
@@ -68,21 +68,24 @@ class Recorder:
     def __init__(self) -> None:
         self.updates: list[Update] = []
         self.began: list[float] = []
-        self.repairs: list[Repair] = []
+        self.diagnostics: list[Diagnostic] = []
 
     def update(
-        self, frame: int, stop: float, measurements: Measurements, fit: VelocityFit | None
+        self,
+        end_time: float,
+        measurements: Measurements,
+        velocity_estimate: VelocityFit | None = None,
     ) -> States:
         """Remember a cluster."""
-        self.updates.append((frame, stop, measurements, fit))
+        self.updates.append((end_time, measurements, velocity_estimate))
         self.began.append(time.process_time())
         return States()
 
-    def settled(self, after: float) -> States:
+    def final_states(self, after: float = -np.inf) -> States:
         """There are none."""
         return States()
 
-    def trajectory(self, start_ns: int) -> None:
+    def trajectory(self, start_ns: int = 0) -> None:
         """There is none."""
 
 
@@ -90,8 +93,8 @@ def tracklets_of(
     recording: Recording, configuration: Configuration, clusters: int
 ) -> tuple[StereoCamera, list[Update], float]:
     """The inlier tracklets of the first clusters, and the seconds that each took to get."""
-    odometry, recorder = Odometry(recording.rig, configuration), Recorder()
-    odometry.estimator = recorder
+    recorder = Recorder()
+    odometry = Odometry(recording.rig, configuration, estimator=recorder)
     clustering = odometry.configuration.clustering
     stream = cluster_events(recording.event_batches(), recording.rig, clustering)
     for cluster in islice(stream, clusters):
@@ -101,32 +104,38 @@ def tracklets_of(
 
 
 def timed(
-    camera: StereoCamera, updates: Iterable[Update], config: EstimatorConfig
-) -> tuple[Trajectory, Array]:
+    camera: StereoCamera, updates: Iterable[Update], config: EstimatorConfig | None, window: int
+) -> tuple[Trajectory | States, Array]:
     """The trajectory, and the seconds of processor time that each update took.
 
-    All is done in one thread: on a processor of its own these are seconds.
+    Of the reference, if there is no configuration. All is done in one thread: on a processor of
+    its own these are seconds.
     """
-    estimator = make_estimator(camera, NoiseConfig(), config)
+    updates, noise = list(updates), NoiseConfig()
+    lag = window * float(np.median(np.diff([end_time for end_time, *_ in updates])))
+    estimator: Any = (
+        ReferenceSmoother(camera, noise, lag)
+        if config is None
+        else make_estimator(camera, noise, config.model_copy(update={"window": window}))
+    )
     spent = []
-    for update in updates:
-        began = time.process_time()
-        estimator.update(*update)
-        spent.append(time.process_time() - began)
-    trajectory = estimator.trajectory(0)
-    assert trajectory is not None
-    return trajectory, np.array(spent)
+    with one_blas_thread():
+        for update in updates:
+            began = time.process_time()
+            estimator.update(*update)
+            spent.append(time.process_time() - began)
+    return estimator.states if config is None else estimator.trajectory(), np.array(spent)
 
 
-def deviation(trajectory: Trajectory, reference: Trajectory) -> Array:
+def deviation(found: Trajectory | States, reference: Trajectory) -> Array:
     """(N, 12) difference of pose and velocity, in shares of the reference's 3 sigma.
 
     Every 10 ms, relative to the first common time, where both are at the origin.
     """
-    start = max(trajectory.start, reference.start)
-    t = np.arange(start, min(trajectory.stop, reference.stop), 0.01)[1:]
-    pose = se3_log(se3_inverse(reference.pose(t)) @ trajectory.pose(t))
-    difference = np.hstack([pose, trajectory.velocity(t) - reference.velocity(t)])
+    t = np.arange(reference.start, min(found.t[-1], reference.stop), 0.01)[1:]
+    T, twist = found.query(t) if isinstance(found, States) else (found.pose(t), found.velocity(t))
+    pose = se3_log(se3_inverse(reference.pose(t)) @ T)
+    difference = np.hstack([pose, twist - reference.velocity(t)])
     sigma = np.sqrt(np.diagonal(reference.covariance(t), 0, 1, 2))
     return np.abs(difference) / (3 * sigma)
 
@@ -135,53 +144,104 @@ def compare(
     title: str,
     camera: StereoCamera,
     updates: list[Update],
-    modes: dict[str, EstimatorConfig],
+    modes: dict[str, EstimatorConfig | None],
     front_end: float = 0.0,
+    window: int = UNIQUE.window,
 ) -> None:
     """Print cost and deviation of every mode; the front end takes some seconds a cluster."""
-    seen = np.mean([len(measurements) for _, _, measurements, _ in updates])
+    seen = np.mean([len(measurements) for _, measurements, _ in updates])
     caption = f"{len(updates)} clusters of {seen:.0f} inliers, front end {1e3 * front_end:.1f} ms"
     table = Table(title=title, caption=caption)
-    for heading in ("mode", "mean", "95 %", "max", "x real time", "with front end", "states"):
+    for heading in ("mode", "mean", "95 %", "max", "x unique", "x real time", "with front end"):
         table.add_column(heading, justify="right")
+    table.add_column("states", justify="right")
     table.add_column("from unique, % of 3 sigma", justify="right")
-    duration = updates[-1][1] - updates[0][1]
-    references = {
-        window: timed(camera, updates, UNIQUE.model_copy(update={"window": window}))[0]
-        for window in {config.window for config in modes.values()}
-    }
+    duration = updates[-1][0] - updates[0][0]
+    timed(camera, updates[:WARM_UP], UNIQUE, window)
+    unique, unique_spent = timed(camera, updates, UNIQUE, window)
+    assert isinstance(unique, Trajectory)
     for name, config in modes.items():
-        timed(camera, updates[:WARM_UP], config)
-        trajectory, spent = timed(camera, updates, config)
-        share = 100 * deviation(trajectory, references[config.window])
+        try:
+            timed(camera, updates[:WARM_UP], config, window)
+            found, spent = timed(camera, updates, config, window)
+        except RuntimeError as error:
+            reason = str(error).strip().splitlines()[0]
+            table.add_row(name, *[""] * 7, f"failed: {reason}")
+            continue
+        share = 100 * deviation(found, unique)
         table.add_row(
             name,
             f"{1e3 * spent.mean():.1f} ms",
             f"{1e3 * np.percentile(spent, 95):.1f} ms",
             f"{1e3 * spent.max():.1f} ms",
+            f"{spent.sum() / unique_spent.sum():.2f}",
             f"{duration / spent.sum():.2f}",
             f"{duration / (spent + front_end).sum():.2f}",
-            f"{len(trajectory)}",
+            f"{len(found.t)}",
             f"mean {share.mean():.2g}, max {share.max():.2g}",
         )
     console.print(table)
 
 
-def long_stream(minutes: float, method: str) -> None:
+def compare_tracks(runs: int, duration: float = 2.0, window: int = UNIQUE.window) -> None:
+    """Print position errors at the clusters' ends beside the reference's, by length of tracks."""
+    table = Table(title=f"long tracks, {runs} runs of {duration:g} s, root mean square")
+    for heading in ("tracks", "in a cluster", "fixed lag", "reference", "ratio of errors"):
+        table.add_column(heading, justify="right")
+    table.add_column("ratio of processor time", justify="right")
+    for name, (length, per_cluster, revisits) in TRACKS.items():
+        found: dict[str, list[Array]] = {"ours": [], "theirs": []}
+        spent, seen = {"ours": 0.0, "theirs": 0.0}, []
+        for seed in range(runs):
+            simulation, motion, clusters = long_tracks(
+                seed, length, per_cluster, duration, revisits
+            )
+            seen += [len(measurements) for _, measurements in clusters]
+            t = np.array([end_time for end_time, _ in clusters])[9::5]
+            ours = FixedLagSmoother(
+                simulation.camera, simulation.noise, EstimatorConfig(window=window)
+            )
+            theirs = ReferenceSmoother(
+                simulation.camera, simulation.noise, window * simulation.period
+            )
+            for who, smoother in (("ours", ours), ("theirs", theirs)):
+                began = time.process_time()
+                with one_blas_thread():
+                    for cluster in clusters:
+                        smoother.update(*cluster)
+                spent[who] += time.process_time() - began
+            trajectory = ours.trajectory()
+            assert trajectory is not None
+            states = States(trajectory.t, trajectory.T_world_cam, trajectory.twist)
+            found["ours"].append(position_errors(states, motion, t))
+            found["theirs"].append(position_errors(theirs.states, motion, t))
+        rms = {who: float(np.sqrt(np.mean(np.square(errors)))) for who, errors in found.items()}
+        table.add_row(
+            name,
+            f"{np.mean(seen):.0f}",
+            f"{1e3 * rms['ours']:.2f} mm",
+            f"{1e3 * rms['theirs']:.2f} mm",
+            f"{rms['ours'] / rms['theirs']:.3f}",
+            f"{spent['ours'] / spent['theirs']:.2f}",
+        )
+    console.print(table)
+
+
+def long_stream(minutes: float) -> None:
     """Print processor time and memory of a long stream, minute by minute."""
     simulation, rng = TrackletSimulation(NoiseConfig()), np.random.default_rng(0)
     motion = simulation.motion(60 * minutes, rng)
-    smoother = SMOOTHERS[method](simulation.camera, NoiseConfig(), STREAMED[method])
-    title = f"{method}, {minutes:g} simulated minutes, {simulation.period * 1e3:g} ms clusters"
+    smoother = FixedLagSmoother(simulation.camera)
+    title = f"fixed lag, {minutes:g} simulated minutes, {simulation.period * 1e3:g} ms clusters"
     table = Table(title=title)
-    for heading in ("minute", "mean", "95 %", "max", "resident", "of it trajectory", "repairs"):
+    for heading in ("minute", "mean", "95 %", "max", "resident", "of it trajectory", "left out"):
         table.add_column(heading, justify="right")
     spent: list[float] = []
     beyond: list[float] = []
     per_minute = round(60 / simulation.period)
-    for frame, (stop, measurements) in enumerate(simulation.clusters(motion, rng)):
+    for cluster in simulation.clusters(motion, rng):
         began = time.process_time()
-        smoother.update(frame, stop, measurements, None)
+        smoother.update(*cluster)
         spent.append(time.process_time() - began)
         if len(spent) == per_minute:
             milliseconds = 1e3 * np.array(spent)
@@ -194,7 +254,7 @@ def long_stream(minutes: float, method: str) -> None:
                 f"{milliseconds.max():.2f} ms",
                 f"{resident:.1f} MB",
                 f"{stored:.1f} MB",
-                f"{len(smoother.repairs)}",
+                f"{len(smoother.diagnostics)}",
             )
             spent.clear()
     console.print(table)
@@ -215,19 +275,17 @@ def simulated(seed: int, per_cluster: int, clusters: int) -> tuple[StereoCamera,
     simulation, rng = TrackletSimulation(NoiseConfig(), per_cluster), np.random.default_rng(seed)
     motion = simulation.motion(clusters * simulation.period, rng)
     stream = simulation.clusters(motion, rng)
-    return simulation.camera, [(frame, *cluster, None) for frame, cluster in enumerate(stream)]
+    return simulation.camera, [(*cluster, None) for cluster in stream]
 
 
 def main(
     clusters: Annotated[int, typer.Option(help="Clusters of each comparison.")] = 60,
-    minutes: Annotated[float, typer.Option(help="Length of the long streams; 0: none.")] = 0.0,
+    minutes: Annotated[float, typer.Option(help="Length of the long stream; 0: none.")] = 0.0,
+    runs: Annotated[int, typer.Option(help="Runs of long tracks; 0: none.")] = 0,
     config: Annotated[Path | None, typer.Option(help="YAML of the front end.")] = None,
     mode: Annotated[list[str] | None, typer.Option(help="One of the estimators; all if none.")] = (
         None
     ),
-    estimator: Annotated[
-        list[str] | None, typer.Option(help="Of a long stream: gauss_newton, fixed_lag; both.")
-    ] = None,
 ) -> None:
     """Compare the estimators on the same tracklets."""
     modes = {name: MODES[name] for name in mode or MODES}
@@ -244,9 +302,11 @@ def main(
         console.print(f"skipped room1_indoor1: {path} is missing")
     if clusters:
         compare("simulated tracklets", *simulated(0, 20, clusters), modes)
-    for method in (estimator or STREAMED) if minutes else ():
-        # Each in a process of its own, that cannot take the memory that the one before freed.
-        stream = get_context("spawn").Process(target=long_stream, args=(minutes, method))
+    if runs:
+        compare_tracks(runs)
+    if minutes:
+        # In a process of its own, that cannot take the memory that was freed before.
+        stream = get_context("spawn").Process(target=long_stream, args=(minutes,))
         stream.start()
         stream.join()
 

@@ -15,12 +15,11 @@ import numpy as np
 
 from factors import StereoCamera
 from factors.lie import se3_exp, se3_inverse
-from gpvo.config import EstimatorConfig, NoiseConfig
-from gpvo.estimator import FixedLagSmoother
-from gpvo.tracking import Measurements
-from gpvo.trajectory import Trajectory
+from gpvo import FixedLagSmoother, Measurements, Trajectory
+from gpvo.config import NoiseConfig
 
 CAMERA = StereoCamera(fx=226.0, fy=226.0, cx=173.0, cy=130.0, baseline=0.1)
+NOISE = NoiseConfig(measurement_information=(1.0, 1.0, 1.0))  # a pixel
 PERIOD = 0.05  # seconds per cluster
 CLUSTERS = 16
 GAP = range(9, 13)  # clusters in which nothing is seen
@@ -51,11 +50,11 @@ def estimate() -> Trajectory:
     rng = np.random.default_rng(0)
     points = rng.uniform([-1.0, -0.7, 1.5], [1.0, 0.7, 3.0], (30, 3))
     nothing = Measurements.concatenate([])
-    smoother = FixedLagSmoother(CAMERA, NoiseConfig(), EstimatorConfig(state_interval=0.025))
+    smoother = FixedLagSmoother(CAMERA, NOISE)
     for frame in range(CLUSTERS):
         measurements = nothing if frame in GAP else measure(frame, points, rng)
-        smoother.update(frame, (frame + 1) * PERIOD, measurements, None)
-        trajectory = smoother.trajectory(start_ns=0)
+        smoother.update((frame + 1) * PERIOD, measurements)
+        trajectory = smoother.trajectory()
         assert trajectory is not None
         now = trajectory.stop - 0.0123  # any time is possible, also between states
         x = trajectory.pose(now)[0, 3]

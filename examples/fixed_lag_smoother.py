@@ -1,115 +1,70 @@
-"""A fixed-lag smoother fed with stereo measurements that come one by one.
+"""Tracklets and factors of your own in one fixed-lag smoother.
 
-GTSAM's incremental smoother keeps a window of states, one every 20 ms; each measurement enters at
-its own time, between two states. Run as ``python -m examples.fixed_lag_smoother``.
+Stereo measurements come one by one, each at its own time, and an odometer measures the velocity
+every 50 ms. For half a second nothing is seen, and the odometer holds the motion; then landmarks of
+before are seen again. Run as ``python -m examples.fixed_lag_smoother``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import L, V, X
+from gtsam.symbol_shorthand import V
 from numpy.typing import NDArray
 
-from factors import InterpolatedStereoFactor, StereoCamera, WnoaPriorFactor, extrapolate
+from factors import StereoCamera, extrapolate
 from factors.lie import se3_inverse, se3_log
+from gpvo import FixedLagSmoother, Measurements
+from gpvo.config import NoiseConfig
 
 Array = NDArray[np.float64]
-Measurement = tuple[float, int, Array]  # seconds, number of the landmark, (u_left, v, disparity)
 
 CAMERA = StereoCamera(fx=226.0, fy=226.0, cx=173.0, cy=130.0, baseline=0.1)
 TWIST = np.array([0.1, 0.2, 0.1, 0.2, 0.1, 0.3])  # the true motion, rad/s and m/s
-QC = np.array([0.02, 0.02, 0.02, 0.2, 0.2, 0.2])
-PIXELS = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.3, 0.3, 0.3]))
-STEP, LAG, STATES = 0.02, 0.2, 30
-LANDMARKS, PER_STEP = 20, 12
+NOISE = NoiseConfig(measurement_information=(10.0, 10.0, 10.0))  # 0.3 pixels
+ODOMETER = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.01, 0.01, 0.01, 0.02, 0.02, 0.02]))
+PERIOD, CLUSTERS = 0.05, 30
+DARK = range(15, 25)  # clusters in which nothing is seen
+LANDMARKS = 20
 
 
-def measurements(rng: np.random.Generator) -> Iterator[list[Measurement]]:
-    """What is measured in each step of 20 ms, in order of time."""
-    points = np.column_stack([rng.uniform(-1.5, 1.5, (LANDMARKS, 2)), rng.uniform(2, 5, LANDMARKS)])
-    for k in range(STATES):
-        times = np.sort(rng.uniform(k * STEP, (k + 1) * STEP, PER_STEP)).round(6)
-        numbers = rng.integers(LANDMARKS, size=PER_STEP)
-        homogeneous = np.column_stack([points[numbers], np.ones(PER_STEP)])[..., None]
-        in_camera = se3_inverse(extrapolate(np.eye(4), TWIST, times).pose) @ homogeneous
-        noise = rng.normal(size=(PER_STEP, 3)) * PIXELS.sigmas()
-        measured = CAMERA.project(in_camera[:, :3, 0]) + noise
-        yield list(zip(times.tolist(), numbers.tolist(), measured, strict=True))
+def measure(cluster: int, points: Array, rng: np.random.Generator) -> Measurements:
+    """Each point at a random time of the cluster: (u_left, v, disparity), pixels."""
+    t = np.sort((cluster + rng.random(len(points))) * PERIOD).round(6)
+    T_cam_world = se3_inverse(extrapolate(np.eye(4), TWIST, t).pose)
+    in_camera = np.einsum("nij,nj->ni", T_cam_world[:, :3, :3], points) + T_cam_world[:, :3, 3]
+    deviation = 1 / np.sqrt(np.array(NOISE.measurement_information))
+    stereo = CAMERA.project(in_camera) + deviation * rng.normal(size=(len(points), 3))
+    return Measurements(np.arange(len(points)), np.full(len(points), cluster), t, stereo)
 
 
-class Odometry:
-    """The newest state (pose, velocity), and what the next update of the smoother brings."""
-
-    def __init__(self) -> None:
-        self.pose, self.velocity, self.k = np.eye(4), np.zeros(6), 0
-        self.smoother = make_smoother()
-        # While Python holds it, GTSAM does not copy all values for each factor written in Python.
-        self.linearization_point = self.smoother.getLinearizationPoint()
-        self.start_update()
-        self.add_state(0, self.pose, 0.0)
-        tight, loose = (gtsam.noiseModel.Isotropic.Sigma(6, sigma) for sigma in (1e-4, 1.0))
-        self.graph.add(gtsam.PriorFactorPose3(X(0), gtsam.Pose3(), tight))
-        self.graph.add(gtsam.PriorFactorVector(V(0), np.zeros(6), loose))
-
-    def start_update(self) -> None:
-        """Nothing new yet."""
-        self.graph, self.values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        self.stamps: dict[int, float] = {}
-
-    def add_state(self, k: int, pose: Array, t: float) -> None:
-        """State k, about where the motion so far leads."""
-        self.values.insert(X(k), gtsam.Pose3(pose))
-        self.values.insert(V(k), self.velocity)
-        self.stamps |= {X(k): t, V(k): t}
-
-    def step(self, measured: list[Measurement]) -> Array:
-        """Pose (4, 4) of the next state, 20 ms on, with what was measured until then."""
-        i, j = self.k, self.k + 1
-        self.add_state(j, extrapolate(self.pose, self.velocity, STEP).pose, j * STEP)
-        self.graph.add(WnoaPriorFactor(X(i), V(i), X(j), V(j), STEP, QC))
-        for measurement in measured:
-            self.add_measurement(*measurement)
-        self.smoother.update(self.graph, self.values, self.stamps)
-        self.smoother.update()
-        self.start_update()
-        self.pose = self.smoother.calculateEstimatePose3(X(j)).matrix()
-        self.velocity, self.k = self.smoother.calculateEstimateVector(V(j)), j
-        return self.pose
-
-    def add_measurement(self, t: float, n: int, measured: Array) -> None:
-        """A measurement of landmark n at its own time, between the newest states."""
-        i, j = self.k, self.k + 1
-        keys = X(i), V(i), X(j), V(j), L(n)
-        times = i * STEP, j * STEP, t
-        self.graph.add(InterpolatedStereoFactor(measured, PIXELS, *keys, CAMERA, *times))
-        self.stamps[L(n)] = j * STEP  # keeps the landmark in the window
-        if not (self.linearization_point.exists(L(n)) or self.values.exists(L(n))):
-            ahead = extrapolate(self.pose, self.velocity, t - i * STEP).pose
-            self.values.insert(L(n), (ahead @ np.r_[CAMERA.triangulate(measured), 1.0])[:3])
-
-
-def make_smoother() -> gtsam.IncrementalFixedLagSmoother:
-    """QR, and relinearisation at every update: chains that are close in time are stiff."""
-    parameters = gtsam.ISAM2Params()
-    parameters.setFactorization("QR")
-    parameters.setRelinearizeThreshold(1e-3)
-    parameters.relinearizeSkip = 1
-    parameters.findUnusedFactorSlots = True
-    return gtsam.IncrementalFixedLagSmoother(LAG, parameters)
+def run(odometer: bool) -> Array:
+    """Errors (n, 6) of the newest pose after each cluster, against the true motion."""
+    rng, smoother, errors = np.random.default_rng(0), FixedLagSmoother(CAMERA, NOISE), []
+    low, high = [-1.0, -1.0, 2.0], [1.0, 1.0, 5.0]
+    points, nothing = rng.uniform(low, high, (LANDMARKS, 3)), Measurements.concatenate([])
+    for cluster in range(CLUSTERS):
+        end_time = (cluster + 1) * PERIOD
+        measured = measure(cluster, points, rng)
+        states = smoother.update(end_time, nothing if cluster in DARK else measured)
+        if odometer:
+            newest = V(smoother.window[-1])  # the twist of the state at the cluster's end
+            twist = TWIST + rng.normal(size=6) * ODOMETER.sigmas()
+            smoother.add(gtsam.PriorFactorVector(newest, twist, ODOMETER))  # from the next update
+        if cluster == 0:
+            start = states.t[0]  # the world is the first pose
+        from_start = extrapolate(np.eye(4), TWIST, np.array([end_time - start])).pose
+        errors.append(se3_log(se3_inverse(states.T_world_cam[-1:]) @ from_start)[0])
+    return np.array(errors)
 
 
 def main() -> Array:
-    """Errors (n, 6) of the newest state at each update, against the true motion."""
-    odometry = Odometry()
-    poses = np.array([odometry.step(each) for each in measurements(np.random.default_rng(0))])
-    truth = extrapolate(np.eye(4), TWIST, STEP * np.arange(1, STATES + 1)).pose
-    errors = se3_log(se3_inverse(poses) @ truth)
-    largest = np.linalg.norm(errors[:, 3:], axis=1).max()
-    print(f"{STATES} states, largest position error {1e3 * largest:.1f} mm")
-    return errors
+    """Print the largest errors without and with the odometer, and return the latter."""
+    alone, helped = run(odometer=False), run(odometer=True)
+    for name, errors in (("tracklets alone", alone), ("with an odometer", helped)):
+        largest = np.linalg.norm(errors[:, 3:], axis=1).max()
+        print(f"{name}: {len(errors)} states, largest position error {1e3 * largest:.1f} mm")
+    return helped
 
 
 if __name__ == "__main__":

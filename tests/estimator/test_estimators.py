@@ -4,42 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gpvo.estimator.gauss_newton_smoother import GaussNewtonSmoother
-from synthetic import CAMERA, TWIST, constant_velocity, tracklets
+from runs import (
+    METHODS,
+    NOTHING,
+    PERIOD,
+    POINTS,
+    deviation,
+    difference,
+    errors,
+    estimate,
+    fed,
+    make,
+    regular,
+)
+from synthetic import TWIST, constant_velocity, tracklets
 
 from factors import wnoa_information
 from factors.lie import se3_inverse, se3_log
-from gpvo.config import EstimatorConfig, NoiseConfig
-from gpvo.estimator import FixedLagSmoother
-from gpvo.estimator.batch_window import SlidingWindow
+from gpvo.config import NoiseConfig
 from gpvo.tracking import Measurements
-from gpvo.trajectory import Trajectory
-
-PERIOD = 0.05
-METHODS = {
-    "batch": SlidingWindow,
-    "fixed_lag": FixedLagSmoother,
-    "gauss_newton": GaussNewtonSmoother,
-}
-NOTHING = Measurements.concatenate([])
-
-
-def estimate(
-    measurements: list[Measurements], noise: NoiseConfig | None = None, **settings: object
-) -> Trajectory:
-    config = EstimatorConfig(**settings)  # type: ignore[arg-type]
-    estimator = METHODS[config.method](CAMERA, noise or NoiseConfig(), config)
-    for frame, new in enumerate(measurements):
-        estimator.update(frame, (frame + 1) * PERIOD, new, None)
-    trajectory = estimator.trajectory(0)
-    assert trajectory is not None
-    return trajectory
-
-
-def relative_to_first(trajectory: Trajectory) -> np.ndarray:
-    truth = constant_velocity(trajectory.t)
-    truth = se3_inverse(truth[0]) @ truth
-    return se3_log(se3_inverse(truth) @ trajectory.T_world_cam)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -49,7 +32,7 @@ def test_constant_velocity_without_noise_is_recovered(method: str, interval: flo
         tracklets(), method=method, state_interval=interval, relative_decrease=1e-9
     )
     # The prior on the first velocity, 1 (m/s) around zero, is all that pulls away from the truth.
-    assert np.abs(relative_to_first(trajectory)).max() < 2e-3
+    assert np.abs(errors(trajectory)).max() < 2e-3
     assert np.abs(trajectory.velocity(trajectory.t) - TWIST).max() < 2e-2
 
 
@@ -57,30 +40,50 @@ def test_constant_velocity_without_noise_is_recovered(method: str, interval: flo
 def test_weak_velocity_prior_leaves_the_exact_motion(method: str) -> None:
     noise = NoiseConfig(initial_velocity=1e4)
     trajectory = estimate(tracklets(), noise, method=method, relative_decrease=1e-12)
-    assert np.abs(relative_to_first(trajectory)).max() < 1e-6
+    assert np.abs(errors(trajectory)).max() < 1e-6
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_unique_time_is_a_state(method: str) -> None:
     measurements = tracklets()
     t = np.unique(np.concatenate([part.t for part in measurements]))
-    trajectory = estimate(measurements, method=method, state_interval=0)
+    trajectory = estimate(measurements, method=method)
     assert np.isin(t, trajectory.t).all()
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_update_returns_the_states_at_unique_times_in_the_window(method: str) -> None:
+    """Of landmarks that are measured twice, once the window has moved on."""
+    estimator, parts = make(method=method, window=4), tracklets(clusters=9)
+    assert len(estimator.update(PERIOD, NOTHING)) == 0
+    for number, part in enumerate(parts):
+        states = estimator.update((number + 1) * PERIOD, part)
+        known = Measurements.concatenate(parts[: number + 1])
+        landmark, count = np.unique(known.landmark, return_counts=True)
+        twice = known[np.isin(known.landmark, landmark[count >= 2])]
+        inside = np.unique(twice.t[twice.t > states.t[0]])
+        assert np.isin(inside, states.t).all()
+        if number >= 4:
+            assert len(inside) >= 3 * len(part) - 7
+    trajectory = estimator.trajectory()
+    assert trajectory is not None and len(states) < len(trajectory)
+    assert np.array_equal(states.t, trajectory.t[-len(states) :])
+    assert np.array_equal(states.T_world_cam, trajectory.T_world_cam[-len(states) :])
+    assert np.array_equal(states.twist, trajectory.twist[-len(states) :])
+
+
 def test_methods_agree_on_noisy_tracklets_while_nothing_has_left_the_window() -> None:
-    measurements = tracklets(noise=0.3)
-    settings = {"window": 10, "state_interval": 0}
-    batch = estimate(measurements, method="batch", relative_decrease=1e-9, **settings)
-    incremental = estimate(measurements, method="fixed_lag", **settings)
-    assert np.array_equal(batch.t, incremental.t)
-    difference = se3_log(se3_inverse(batch.T_world_cam) @ incremental.T_world_cam)
-    difference = np.hstack([difference, batch.twist - incremental.twist])
-    variance = np.diagonal(incremental.covariance(incremental.t), 0, 1, 2)
+    """The batch window's prior on the first velocity moves with it, so it is weak here."""
+    measurements, noise = tracklets(noise=0.3), NoiseConfig(initial_velocity=1e3)
+    batch = estimate(measurements, noise, method="batch", window=10, relative_decrease=1e-9)
+    incremental = estimate(measurements, noise, window=10)
+    t = batch.t[1:]
+    sigma = np.sqrt(np.diagonal(incremental.covariance(t), 0, 1, 2))
     # One step of Gauss-Newton a cluster against many: a few hundredths of a standard deviation.
-    assert (np.abs(difference[1:]) / np.sqrt(variance[1:])).max() < 0.05
+    assert (np.abs(difference(incremental, batch, t)) / sigma).max() < 0.05
     # The batch covariance comes from states 20 ms apart with interpolated measurements.
-    assert np.allclose(np.diagonal(batch.covariance(batch.stop)), variance[-1], rtol=0.1)
+    variances = (np.diagonal(x.covariance(batch.stop)) for x in (batch, incremental))
+    assert np.allclose(*variances, rtol=0.1)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -88,7 +91,7 @@ def test_methods_agree_on_noisy_tracklets_while_nothing_has_left_the_window() ->
 def test_prior_carries_on_through_clusters_without_tracklets(method: str, window: int) -> None:
     parts = tracklets(clusters=8)
     seen = [*parts[:5], NOTHING, NOTHING, NOTHING]
-    trajectory = estimate(seen, method=method, window=window, state_interval=0)
+    trajectory = estimate(seen, method=method, window=window)
     last = max(part.t.max() for part in parts[:5])
     assert trajectory.stop == pytest.approx(8 * PERIOD)
     ahead = trajectory.pose(last) @ constant_velocity(
@@ -100,39 +103,44 @@ def test_prior_carries_on_through_clusters_without_tracklets(method: str, window
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_tracklets_that_come_back_after_a_gap_go_on_with_the_trajectory(method: str) -> None:
+@pytest.mark.parametrize("interval", [0.0, 0.1])
+def test_tracklets_that_come_back_after_a_gap_go_on_with_the_trajectory(
+    method: str, interval: float
+) -> None:
     parts = tracklets(clusters=14)
-    seen = [part if not 5 <= frame < 9 else NOTHING for frame, part in enumerate(parts)]
-    trajectory = estimate(seen, method=method, window=3, state_interval=0)
+    seen = [part if not 5 <= number < 9 else NOTHING for number, part in enumerate(parts)]
+    trajectory = estimate(seen, method=method, window=3, state_interval=interval)
     assert np.isfinite(trajectory.T_world_cam).all()
-    assert np.abs(relative_to_first(trajectory)).max() < 0.02
+    assert np.abs(errors(trajectory)).max() < 0.02
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_nothing_ever_seen_is_no_trajectory(method: str) -> None:
-    estimator = METHODS[method](CAMERA, NoiseConfig(), EstimatorConfig())
-    estimator.update(0, PERIOD, NOTHING, None)
-    assert estimator.trajectory(0) is None
+    estimator = make(method=method)
+    estimator.update(PERIOD, NOTHING)
+    assert estimator.trajectory() is None
 
 
-def test_times_a_microsecond_apart_are_states_of_their_own() -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_times_a_microsecond_apart_are_states_of_their_own(method: str) -> None:
     parts = tracklets(clusters=4)
     twin = parts[2]
     parts[2] = Measurements.concatenate(
         [twin, Measurements(twin.landmark, twin.frame, twin.t + 1e-6, twin.stereo)]
     )
-    for method in ("batch", "fixed_lag"):
-        trajectory = estimate(parts, method=method, state_interval=0)
-        assert (np.diff(trajectory.t) < 1.5e-6).sum() >= len(twin)
-        assert np.isfinite(trajectory.T_world_cam).all()
+    trajectory = estimate(parts, method=method)
+    assert (np.diff(trajectory.t) < 1.5e-6).sum() >= len(twin)
+    assert np.isfinite(trajectory.T_world_cam).all()
 
 
-@pytest.mark.parametrize("method", ["fixed_lag", "gauss_newton"])
 @pytest.mark.parametrize("clusters", [3, 40])
-def test_covariance_of_the_prior_alone_is_the_wnoa_covariance(method: str, clusters: int) -> None:
+@pytest.mark.parametrize("interval", [0.0, 0.1])
+def test_covariance_of_the_prior_alone_is_the_wnoa_covariance(
+    clusters: int, interval: float
+) -> None:
     """From a state that is known, the twist's variance grows by Q_c dt, for seconds."""
     seen = [*tracklets(clusters=5), *[NOTHING] * clusters]
-    trajectory = estimate(seen, method=method)
+    trajectory = estimate(seen, state_interval=interval)
     start, stop = 5 * PERIOD, (5 + clusters) * PERIOD
     grown = trajectory.covariance(stop)[6:, 6:] - trajectory.covariance(start)[6:, 6:]
     information = wnoa_information(stop - start, NoiseConfig().acceleration_psd)
@@ -141,3 +149,68 @@ def test_covariance_of_the_prior_alone_is_the_wnoa_covariance(method: str, clust
     # The next order turns the noise by half the rotation and translation on the way.
     tolerance = np.abs(TWIST).max() * (stop - start) / 2
     assert np.abs((grown - expected) / np.outer(scale, scale)).max() < tolerance
+
+
+def test_key_times_differ_from_unique_times_by_less_than_a_percent_of_three_sigma() -> None:
+    """As they do in a batch: what measurements know of the deviations between is left out."""
+    measurements = tracklets(clusters=10, per_cluster=15, noise=1.0)
+    unique, key = (estimate(measurements, state_interval=x) for x in (0.0, 0.025))
+    t = np.linspace(unique.start + 0.01, unique.stop, 200)
+    sigma = np.sqrt(np.diagonal(unique.covariance(t), 0, 1, 2)[:, :6])
+    assert (np.abs(difference(key, unique, t)[:, :6]) / (3 * sigma)).max() < 0.01
+
+
+def test_estimators_agree_after_measurements_have_left_the_window() -> None:
+    """Unique and key times within a few hundredths of a standard deviation.
+
+    The batch window forgets what it measured, which is uncertainty, by which it may differ.
+    """
+    measurements = tracklets(clusters=9, noise=0.3)
+    reference = estimate(measurements, POINTS)
+    start = 5.5 * PERIOD
+    for method, interval, tolerance in [
+        ("fixed_lag", 0.025, 0.05),
+        ("fixed_lag", 0.1, 0.1),
+        ("batch", 0.0, 1.0),
+        ("batch", 0.025, 1.0),
+    ]:
+        other = estimate(measurements, POINTS, method=method, state_interval=interval)
+        assert deviation(other, reference, start).max() < tolerance, (method, interval)
+
+
+@pytest.mark.parametrize("interval", [0.0, 0.025])
+def test_final_states_join_those_of_the_window_without_jumps(interval: float) -> None:
+    """What a step has beyond the mean twist is no larger over borders of the window than inside."""
+    trajectory = estimate(
+        tracklets(clusters=14, per_cluster=10, noise=1.0), window=4, state_interval=interval
+    )
+    t = np.arange(trajectory.start, trajectory.stop, 0.0125)
+    T, v = trajectory.pose(t), trajectory.velocity(t)
+    step = se3_log(se3_inverse(T[:-1]) @ T[1:])
+    jump = np.abs(step - 0.5 * np.diff(t)[:, None] * (v[:-1] + v[1:])).max(axis=1)
+    border = np.min(np.abs(t[:-1, None] - PERIOD * np.arange(15)), axis=1) < 0.0125
+    assert jump[border].max() < 1.1 * jump[~border].max()
+    assert np.abs(np.diff(v, axis=0)).max() < 0.1
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("column", ["landmark", "t", "stereo", "float landmarks"])
+def test_columns_that_do_not_fit_are_a_clear_error_and_it_goes_on(method: str, column: str) -> None:
+    clusters = regular(tracklets(clusters=6, noise=0.3))
+    estimator, plain = make(method=method, window=3), make(method=method, window=3)
+    for number, (end_time, part) in enumerate(clusters):
+        if number in (0, 4):
+            columns = dict(vars(part))
+            if column == "float landmarks":
+                columns["landmark"] = part.landmark.astype(float)
+            elif column == "stereo":
+                columns["stereo"] = part.stereo[:, :2]
+            else:
+                columns[column] = columns[column][:-1]
+            with pytest.raises(ValueError, match=r"measurements\.(landmark|stereo)"):
+                estimator.update(end_time, Measurements(**columns))
+        estimator.update(end_time, part)
+    ours, theirs = estimator.trajectory(), fed(plain, clusters)
+    assert ours is not None
+    assert np.array_equal(ours.T_world_cam, theirs.T_world_cam)
+    assert not estimator.diagnostics

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from factors.lie import se3_exp
-from gpvo.estimator.final_states import joined
+from gpvo.estimator.final_states import correct_final_states
 from gpvo.trajectory import States
 
 
@@ -24,7 +24,7 @@ def test_an_interpolated_piece_is_interpolated_to_its_new_end(
     rng = np.random.default_rng(seed)
     before, after = ends(rng, duration, size), ends(rng, duration, size)
     t = np.sort(np.append(rng.uniform(0, duration, 5), before.t))
-    moved = joined(before.at(t), after[1:])
+    moved = correct_final_states(before.at(t), after[1:])
     expected = States.concatenate([before[:1], after[1:]]).at(t)
     np.testing.assert_allclose(moved.T_world_cam, expected.T_world_cam, atol=1e-12)
     np.testing.assert_allclose(moved.twist, expected.twist, atol=1e-9 / duration)
@@ -33,7 +33,7 @@ def test_an_interpolated_piece_is_interpolated_to_its_new_end(
 def test_a_piece_whose_end_stays_stays() -> None:
     rng = np.random.default_rng(0)
     piece = States(np.arange(4.0), se3_exp(rng.normal(size=(4, 6))), rng.normal(size=(4, 6)))
-    moved = joined(piece, piece[-1:])
+    moved = correct_final_states(piece, piece[-1:])
     np.testing.assert_allclose(moved.T_world_cam, piece.T_world_cam, atol=1e-12)
     np.testing.assert_allclose(moved.twist, piece.twist, atol=1e-11)
 
@@ -41,4 +41,4 @@ def test_a_piece_whose_end_stays_stays() -> None:
 def test_a_piece_of_one_state_takes_the_new_one() -> None:
     rng = np.random.default_rng(1)
     old, new = (ends(rng, 1.0, 0.3)[:1] for _ in range(2))
-    assert np.array_equal(joined(old, new).T_world_cam, new.T_world_cam)
+    assert np.array_equal(correct_final_states(old, new).T_world_cam, new.T_world_cam)

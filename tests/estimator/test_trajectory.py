@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from runs import estimate
 from synthetic import TWIST, constant_velocity, tracklets
-from test_estimators import estimate
 
 from factors.lie import se3_exp, se3_inverse, se3_log
 from gpvo.errors import InputError

@@ -31,7 +31,7 @@ def test_graph_by_hand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_fixed_lag_smoother(capsys: pytest.CaptureFixture[str]) -> None:
-    """Once the window of ten states is full, errors are far below a measurement's (0.1 m deep)."""
+    """After ten clusters errors are far below a measurement's (0.1 m deep), also in the dark."""
     errors = load("fixed_lag_smoother").main()[10:]
     assert np.linalg.norm(errors[:, 3:], axis=1).max() < 0.03
     assert np.linalg.norm(errors[:, :3], axis=1).max() < 0.02
