@@ -72,6 +72,7 @@ class BracketingStates:
             v_states[i] = values.atVector(velocity)
         return T_states, v_states
 
-    def poses(self, T_states: Array, v_states: Array) -> Array:
-        """(n, 4, 4) poses at the times."""
-        return poses_between_kernel(T_states, v_states, self.first, self.a, self.b)
+    def poses(self, T_states: Array, v_states: Array, count: int | None = None) -> Array:
+        """Return the poses (n, 4, 4) at the times, or between the first `count` states alone."""
+        states = len(self.states) if count is None else count
+        return poses_between_kernel(T_states, v_states, self.first, self.a, self.b, states)

@@ -14,7 +14,11 @@ from numpy.typing import NDArray
 
 from factors.kernels import Array, inner_kernel, kernel
 from factors.structureless.bridge import Bridge
-from factors.structureless.row_kernels import add_cross_products_kernel, whiten_kernel
+from factors.structureless.row_kernels import (
+    add_cross_products_kernel,
+    add_squares_kernel,
+    whiten_kernel,
+)
 
 Index = NDArray[np.int64]
 
@@ -97,10 +101,11 @@ class JointSystem:
         """The system of some rows of a number of landmarks."""
         latent, shared = found.latent, found.prior.shape[2] - 13
         size = int(latent[-1]) + shared + 1
-        H = np.zeros((size, size))
-        _add_squares(found, latent, H)
-        cross, own = np.zeros((landmarks, 3, size)), np.zeros((landmarks, 3, 3))
-        _add_landmarks(found, latent, cross, own)
+        H, own = np.zeros((size, size)), np.zeros((landmarks, 3, 3))
+        cross = np.zeros((landmarks, 3, size))
+        _add_measurements(found, latent, H, cross, own)
+        if len(found.prior):
+            _add_prior(found, latent, H, cross, own)
         H.ravel()[:: size + 1][latent[0] : -1] += 1.0
         scale, known = np.diag(H).copy(), np.empty(landmarks)
         whiten_kernel(own, cross, known)
@@ -158,52 +163,26 @@ class JointSystem:
         return error, np.asarray(spread, np.float64)
 
 
-def _add_squares(found: Rows, latent: Index, H: Array) -> None:
-    """Add JᵀJ of all columns but the landmarks'."""
-    ends = np.searchsorted(found.interval, np.arange(found.states))
-    last = len(H) - 1
-    for i, bridge in enumerate(found.bridges):
-        part = slice(ends[i], ends[i + 1])
-        if part.start == part.stop:
-            continue
-        rows, width = found.rows[part], 6 * bridge.rank
-        J = np.empty((len(rows), 3, 25 + width))
-        J[:, :, :24], J[:, :, -1] = rows[:, :, :24], rows[:, :, 30]
-        by_u = rows[:, :, 24:30, None] * bridge.gains[:, None, None, :]
-        J[:, :, 24:-1] = by_u.reshape(len(rows), 3, width)
-        flat = J.reshape(-1, 25 + width)
-        own = [12 * i + np.arange(24), latent[i] + np.arange(width), [last]]
-        columns = np.concatenate(own)
-        H[columns[:, None], columns] += flat.T @ flat
-    if len(found.prior):
-        columns = np.concatenate([np.arange(12), np.arange(latent[-1], last + 1)])
-        P = found.prior.reshape(-1, found.prior.shape[2])
-        H[columns[:, None], columns] += P.T @ P
-
-
-def _add_landmarks(found: Rows, latent: Index, cross: Array, own: Array) -> None:
-    """Add the products of the landmarks' derivatives with all others, and with themselves."""
+def _add_measurements(found: Rows, latent: Index, H: Array, cross: Array, own: Array) -> None:
+    """Add JᵀJ of all columns to H, of the landmarks' with the others to `cross`, and to `own`."""
     interval, rank = found.interval, np.array([bridge.rank for bridge in found.bridges])
     gains = np.zeros((len(interval), max(1, int(rank.max(initial=0)))))
     ends = np.searchsorted(interval, np.arange(found.states))
     for i, bridge in enumerate(found.bridges):
         gains[ends[i] : ends[i + 1], : bridge.rank] = bridge.gains
-    add_cross_products_kernel(
-        found.of,
-        12 * interval,
-        latent[interval],
-        rank[interval],
-        gains,
-        found.rows,
-        found.by_landmark,
-        cross,
-        own,
-    )
-    if len(found.prior):
-        columns = np.concatenate([np.arange(12), np.arange(latent[-1], cross.shape[2])])
-        turned = found.prior_by_landmark.transpose(0, 2, 1)
-        cross[found.prior_of[:, None, None], np.arange(3)[:, None], columns] += turned @ found.prior
-        own[found.prior_of] += turned @ found.prior_by_landmark
+    columns = 12 * interval, latent[interval], rank[interval], gains
+    add_squares_kernel(*columns, found.rows, H)
+    add_cross_products_kernel(found.of, *columns, found.rows, found.by_landmark, cross, own)
+
+
+def _add_prior(found: Rows, latent: Index, H: Array, cross: Array, own: Array) -> None:
+    """Add the same of the landmarks' prior."""
+    columns = np.concatenate([np.arange(12), np.arange(latent[-1], len(H))])
+    flat = found.prior.reshape(-1, found.prior.shape[2])
+    H[columns[:, None], columns] += flat.T @ flat
+    turned = found.prior_by_landmark.transpose(0, 2, 1)
+    cross[found.prior_of[:, None, None], np.arange(3)[:, None], columns] += turned @ found.prior
+    own[found.prior_of] += turned @ found.prior_by_landmark
 
 
 @kernel

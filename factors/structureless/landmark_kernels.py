@@ -29,15 +29,20 @@ _CONVERGED = 1e-12  # squared distance to the optimum in standard deviations, of
 
 @kernel
 def poses_between_kernel(
-    T_states: Array, v_states: Array, first: Index, a: Array, b: Array
+    T_states: Array, v_states: Array, first: Index, a: Array, b: Array, count: int
 ) -> Array:
-    """(n, 4, 4) poses at a (n,) seconds after the state `first` (n,) and b before the next one."""
+    """Compute poses (n, 4, 4) at a (n,) seconds after the state `first` (n,), b before the next.
+
+    Those beyond the first `count` states are left zero.
+    """
     local_j = np.empty((len(T_states) - 1, 12))
     for i in range(len(local_j)):
         local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
     T = np.zeros((len(a), 4, 4))
     for n in range(len(a)):
         i = first[n]
+        if i + 1 >= count:
+            continue
         local = interpolated_local_kernel(v_states[i], local_j[i], hermite_weights(a[n], b[n]))
         step = exp_kernel(local)
         for r in range(4):

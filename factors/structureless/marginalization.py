@@ -23,7 +23,7 @@ from factors.linear_states import LinearStatesFactor
 from factors.structureless.fitted_landmarks import Fit
 from factors.structureless.joint_system import JointSystem, root_kernel
 from factors.structureless.landmark_prior import LandmarkPrior
-from factors.structureless.multi_landmark import LandmarkWindow, StructurelessStereoFactor
+from factors.structureless.multi_landmark import StructurelessStereoFactor
 from factors.structureless.row_kernels import seen_from_kernel
 
 Index = NDArray[np.int64]
@@ -82,7 +82,7 @@ def marginalize(
     if not 0 < count < len(window.between.states):
         raise ValueError(f"count must be 1 to {len(window.between.states) - 1}, not {count}")
     T_states, v_states = window.between.read(values)
-    fit = window.moved_fit(T_states, v_states)
+    fit = window.moved_fit(T_states, v_states, count + 1)
     rows = window.rows(T_states, v_states, fit, count + 1)
     system = JointSystem.of_rows(rows, len(fit.coordinates))
     keys = window.between.keys[: 2 * (count + 1)]
@@ -94,9 +94,12 @@ def marginalize(
     except np.linalg.LinAlgError as error:
         raise ValueError("the states that leave are not determined") from error
     keep = np.isin(window.landmarks.number, np.asarray(landmarks)) & (system.known > 0)
+    fx, fy, _, _, baseline = window.landmarks.camera
+    moved = checked_array("drift", drift, (3,)) / [fx, fy, fx * baseline]
     state = T_states[count], v_states[count]
-    prior = _prior(window, fit, system, given, np.flatnonzero(keep), state, shared)
-    return Marginal(factor, _drifted(prior, window, checked_array("drift", drift, (3,))))
+    number = window.landmarks.number[keep]
+    prior = _prior(number, fit, system, given, np.flatnonzero(keep), state, moved, shared)
+    return Marginal(factor, prior)
 
 
 def information_of(
@@ -139,15 +142,19 @@ def _leaving_given_next(system: JointSystem, others: Array, count: int) -> _Leav
 
 
 def _prior(
-    window: LandmarkWindow,
+    number: Index,
     fit: Fit,
     system: JointSystem,
     given: _Leaving,
     keep: Index,
     state: tuple[Array, Array],
+    moved: Array,
     shared: int,
 ) -> LandmarkPrior:
-    """The prior of the landmarks `keep` (P,), given the state at which the window now begins."""
+    """Make the prior of the landmarks `keep` (P,), given the state at which the window now begins.
+
+    Its coordinates have moved by (3,) standard deviations since.
+    """
     seen, by_chart, by_pose = seen_from_kernel(state[0], fit.charts[keep], fit.coordinates[keep])
     root = system.root[keep] @ np.linalg.inv(by_chart)
     cross = system.cross[keep]
@@ -156,48 +163,31 @@ def _prior(
     by_state = cross[:, :, np.append(np.arange(first, first + 12), last)]
     by_state = by_state + _times(by_leaving, given.by_next)
     by_state[:, :, :6] -= root @ by_pose
-    kept, rest = _compressed(_times(by_leaving, given.spread), shared)
-    noise = np.eye(3) + rest @ rest.transpose(0, 2, 1)
+    kept, rest = _compressed(by_leaving, given.spread, shared)
+    drift = root * moved
+    noise = np.eye(3) + rest @ rest.transpose(0, 2, 1) + drift @ drift.transpose(0, 2, 1)
     whitening = np.linalg.inv(np.linalg.cholesky(noise))
+    rows = whitening @ np.concatenate([root, by_state, kept], axis=2)
+    root, by_state, error, by_shared = np.split(rows, [3, 15, 16], axis=2)
     return LandmarkPrior(
-        window.landmarks.number[keep],
+        number,
         seen,
-        whitening @ root,
-        whitening @ by_state[:, :, :12],
-        whitening @ kept,
-        (whitening @ by_state[:, :, 12:])[..., 0],
+        np.ascontiguousarray(root),
+        np.ascontiguousarray(by_state),
+        np.ascontiguousarray(by_shared),
+        np.ascontiguousarray(error[..., 0]),
         *state,
     )
 
 
-def _compressed(by_shared: Array, count: int) -> tuple[Array, Array]:
-    """(P, 3, count) by the variables that matter most, and (P, 3, rest) by all others."""
-    flat = by_shared.reshape(-1, by_shared.shape[2])
-    _, vectors = np.linalg.eigh(flat.T @ flat)
-    turned = _times(by_shared, vectors[:, ::-1])
+def _compressed(by_leaving: Array, spread: Array, count: int) -> tuple[Array, Array]:
+    """Rows (P, 3, count) of the variables that matter most, and (P, 3, rest) of all others."""
+    flat = by_leaving.reshape(-1, by_leaving.shape[2])
+    _, vectors = np.linalg.eigh(spread.T @ (flat.T @ flat) @ spread)
+    turned = _times(by_leaving, spread @ vectors[:, ::-1])
     return turned[:, :, :count], turned[:, :, count:]
 
 
 def _times(rows: Array, matrix: Array) -> Array:
     """Product (P, 3, n) of rows (P, 3, m) with one matrix (m, n), in one call of BLAS."""
     return (rows.reshape(-1, rows.shape[2]) @ matrix).reshape(*rows.shape[:2], matrix.shape[1])
-
-
-def _drifted(prior: LandmarkPrior, window: LandmarkWindow, drift: Array) -> LandmarkPrior:
-    """The prior of tracks that have moved on their landmarks."""
-    if not drift.any():
-        return prior
-    fx, fy, _, _, baseline = window.landmarks.camera
-    deviation = prior.root * (drift / [fx, fy, fx * baseline])
-    noise = np.eye(3) + deviation @ deviation.transpose(0, 2, 1)
-    whitening = np.linalg.inv(np.linalg.cholesky(noise))
-    return LandmarkPrior(
-        prior.number,
-        prior.seen,
-        whitening @ prior.root,
-        whitening @ prior.by_state,
-        whitening @ prior.by_shared,
-        (whitening @ prior.error[..., None])[..., 0],
-        prior.T_world_cam,
-        prior.velocity,
-    )

@@ -198,14 +198,17 @@ class LandmarkWindow:
         _, offset = self.prior.at(T_states[0], v_states[0])
         return self.landmarks.fit(self.between.poses(T_states, v_states), T_states[0], offset)
 
-    def moved_fit(self, T_states: Array, v_states: Array) -> Fit:
-        """Return the landmarks where the last Gauss-Newton step took them, or where they fit."""
+    def moved_fit(self, T_states: Array, v_states: Array, count: int) -> Fit:
+        """Return the landmarks where the last Gauss-Newton step took them, or where they fit.
+
+        Poses are those of measurements between the first `count` states alone.
+        """
         at = self._linearized
         if at is None:
             return self.fit(T_states, v_states)
         moved = StatesBetween.moved_by(at.T_states, at.v_states, T_states, v_states)
         coordinates = at.fit.coordinates + at.system.landmark_steps(moved)
-        T = self.between.poses(T_states, v_states)
+        T = self.between.poses(T_states, v_states, count)
         return at.fit._replace(T=T, coordinates=coordinates)
 
     def rows(self, T_states: Array, v_states: Array, fit: Fit, states: int) -> Rows:

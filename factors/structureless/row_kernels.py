@@ -19,7 +19,7 @@ from factors.kernels import (
     se3_polynomial_kernel,
 )
 from factors.kernels.local_variables import backward_adjoint_kernel
-from factors.kernels.se3 import polynomial_derivative_kernel
+from factors.kernels.se3 import polynomial_derivative_kernel, stumpff_kernel
 from factors.structureless.landmark_kernels import (
     Index,
     landmark_rows_kernel,
@@ -78,21 +78,53 @@ def measurement_rows_kernel(
 def _chain_rule_kernel(
     rows: Array, local: Array, by_states_j: Array, share: Array, result: Array
 ) -> None:
-    """Write Jacobians with respect to both states (24) and xi (6), from that of the pose."""
-    jacobian = se3_polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
-    by_pose_i = backward_adjoint_kernel(local)
+    """Write Jacobians with respect to both states (24) and xi (6), from that of the pose.
+
+    Rows are multiplied by Jr(xi) and by the adjoint of Exp(-xi), 1 + p W + q W^2, without making
+    these matrices: p and q are numbers, and their dual parts times what the angle changes by.
+    """
+    c = stumpff_kernel(local[0] * local[0] + local[1] * local[1] + local[2] * local[2])
+    ds = 2 * (local[0] * local[3] + local[1] * local[4] + local[2] * local[5])
     velocity, pose_j, rate_j = share[0, 0, 1], share[1, 0, 0], share[1, 0, 1]
     for r in range(3):
-        for c in range(6):
-            by_xi = 0.0
-            for j in range(6):
-                by_xi += rows[r, j] * jacobian[j, c]
-                result[r, c] += rows[r, j] * by_pose_i[j, c]
-            result[r, 24 + c] = by_xi
-            result[r, 6 + c] += velocity * by_xi
+        row, line = rows[r], result[r]
+        _polynomial_row_kernel(row, local, -c[0, 1], c[0, 2], -ds * c[1, 1], ds * c[1, 2], line, 0)
+        _polynomial_row_kernel(row, local, -c[0, 2], c[0, 3], -ds * c[1, 2], ds * c[1, 3], line, 24)
+        for k in range(6):
+            by_xi = line[24 + k]
+            line[6 + k] += velocity * by_xi
             p, s = pose_j * by_xi, rate_j * by_xi
             for j in range(24):
-                result[r, j] += p * by_states_j[c, j] + s * by_states_j[6 + c, j]
+                line[j] += p * by_states_j[k, j] + s * by_states_j[6 + k, j]
+
+
+@inner_kernel
+def _polynomial_row_kernel(
+    row: Array, xi: Array, p: float, q: float, dp: float, dq: float, result: Array, first: int
+) -> None:
+    """Add row (6,) times the matrix 1 + p W + q W^2 of a twist to result, from `first` on.
+
+    W is [[phi]x 0; [rho]x [phi]x], so that (a, b) W = (a x phi + b x rho, b x phi). dp and dq are
+    the dual parts of p and q: the matrix has dp [phi]x + dq [phi]x^2 below the diagonal, too.
+    """
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        # The i-th entries of a x phi, b x phi, b x rho, and of these crossed once more.
+        a_j = row[k] * xi[i] - row[i] * xi[k]
+        a_k = row[i] * xi[j] - row[j] * xi[i]
+        b_j = row[3 + k] * xi[i] - row[3 + i] * xi[k]
+        b_k = row[3 + i] * xi[j] - row[3 + j] * xi[i]
+        c_j = row[3 + k] * xi[3 + i] - row[3 + i] * xi[3 + k]
+        c_k = row[3 + i] * xi[3 + j] - row[3 + j] * xi[3 + i]
+        a_phi = row[j] * xi[k] - row[k] * xi[j]
+        b_phi = row[3 + j] * xi[k] - row[3 + k] * xi[j]
+        b_rho = row[3 + j] * xi[3 + k] - row[3 + k] * xi[3 + j]
+        a_phi_phi = a_j * xi[k] - a_k * xi[j]
+        b_phi_phi = b_j * xi[k] - b_k * xi[j]
+        mixed = b_j * xi[3 + k] - b_k * xi[3 + j] + c_j * xi[k] - c_k * xi[j]
+        result[first + i] += row[i] + p * (a_phi + b_rho) + q * (a_phi_phi + mixed)
+        result[first + i] += dp * b_phi + dq * b_phi_phi
+        result[first + 3 + i] += row[3 + i] + p * b_phi + q * b_phi_phi
 
 
 @kernel
@@ -126,6 +158,43 @@ def prior_system_kernel(
                     rows[p, r, c] += found[r, c]
                 for c in range(3):
                     by_landmark[p, r, c] = found[r, 6 + c]
+
+
+@kernel
+def add_squares_kernel(
+    state: Index, latent: Index, rank: Index, gains: Array, rows: Array, H: Array
+) -> None:
+    """Add JᵀJ of measurements, in order of the intervals between states, to H (size, size).
+
+    The columns are those of `add_cross_products_kernel`.
+    """
+    last, count = len(H) - 1, len(rows)
+    width = 25 + 6 * gains.shape[1]
+    J, total = np.empty((3, width)), np.zeros((width, width))
+    for m in range(count):
+        r = rank[m]
+        w = 25 + 6 * r
+        for i in range(3):
+            J[i, w - 1] = rows[m, i, 30]
+            for j in range(24):
+                J[i, j] = rows[m, i, j]
+            for j in range(6):
+                for g in range(r):
+                    J[i, 24 + j * r + g] = rows[m, i, 24 + j] * gains[m, g]
+        for i in range(w):
+            a, b, c, line = J[0, i], J[1, i], J[2, i], total[i, i:w]
+            x, y, z = J[0, i:w], J[1, i:w], J[2, i:w]
+            for j in range(len(line)):
+                line[j] += a * x[j] + b * y[j] + c * z[j]
+        if m + 1 == count or state[m + 1] != state[m]:
+            for i in range(w):
+                row = state[m] + i if i < 24 else latent[m] + i - 24 if i < w - 1 else last
+                for j in range(i, w):
+                    column = state[m] + j if j < 24 else latent[m] + j - 24 if j < w - 1 else last
+                    H[row, column] += total[i, j]
+                    if i != j:
+                        H[column, row] += total[i, j]
+            total[:] = 0.0
 
 
 @kernel
