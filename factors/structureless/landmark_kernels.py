@@ -123,33 +123,36 @@ def landmark_rows_kernel(
     """
     fx, fy, cx, cy, baseline = camera[0], camera[1], camera[2], camera[3], camera[4]
     dx, dy, dz = chart[0, 3] - T[0, 3], chart[1, 3] - T[1, 3], chart[2, 3] - T[2, 3]
+    q0, q1, q2 = q[0], q[1], q[2]
     for i in range(3):
         a, b, c = T[0, i], T[1, i], T[2, i]
-        # The derivative of h by q, for a moment.
-        rows[i, 6] = a * chart[0, 0] + b * chart[1, 0] + c * chart[2, 0]
-        rows[i, 7] = a * chart[0, 1] + b * chart[1, 1] + c * chart[2, 1]
-        rows[i, 8] = a * dx + b * dy + c * dz
-        h[i] = a * chart[0, 2] + b * chart[1, 2] + c * chart[2, 2]
-        h[i] += rows[i, 6] * q[0] + rows[i, 7] * q[1] + rows[i, 8] * q[2]
+        # The Jacobian of h with respect to q, for a moment.
+        by_q0 = a * chart[0, 0] + b * chart[1, 0] + c * chart[2, 0]
+        by_q1 = a * chart[0, 1] + b * chart[1, 1] + c * chart[2, 1]
+        by_q2 = a * dx + b * dy + c * dz
+        ahead = a * chart[0, 2] + b * chart[1, 2] + c * chart[2, 2]
+        rows[i, 6], rows[i, 7], rows[i, 8] = by_q0, by_q1, by_q2
+        h[i] = ahead + by_q0 * q0 + by_q1 * q1 + by_q2 * q2
     inverse, u, v, disparity = 0.0, 2 * fx, 2 * fx, 2 * fx
     x, y = 0.0, 0.0
     if h[2] > 0:
         inverse = 1 / h[2]
         x, y = h[0] * inverse, h[1] * inverse
         u, v = fx * x + cx - measured[0], fy * y + cy - measured[1]
-        disparity = fx * baseline * q[2] * inverse - measured[2]
+        disparity = fx * baseline * q2 * inverse - measured[2]
     by_u, by_v, by_disparity = fx * inverse, fy * inverse, fx * baseline * inverse
+    j00, j01, j02 = rows[0, 6], rows[0, 7], rows[0, 8]
+    j10, j11, j12 = rows[1, 6], rows[1, 7], rows[1, 8]
+    j20, j21, j22 = rows[2, 6], rows[2, 7], rows[2, 8]
     for i in range(3):
-        a, b, c = whitening[i, 0] * by_u, whitening[i, 1] * by_v, whitening[i, 2] * by_disparity
-        by_h[i, 0], by_h[i, 1] = a, b
-        by_h[i, 2] = -a * x - b * y - c * q[2] * inverse
-        rows[i, 9] = whitening[i, 0] * u + whitening[i, 1] * v + whitening[i, 2] * disparity
-    for j in range(6, 9):
-        a, b, c = rows[0, j], rows[1, j], rows[2, j]
-        for i in range(3):
-            rows[i, j] = by_h[i, 0] * a + by_h[i, 1] * b + by_h[i, 2] * c
-    for i in range(3):
-        rows[i, 8] += whitening[i, 2] * by_disparity
+        w0, w1, w2 = whitening[i, 0], whitening[i, 1], whitening[i, 2]
+        a, b, c = w0 * by_u, w1 * by_v, w2 * by_disparity
+        ahead = -a * x - b * y - c * q2 * inverse
+        by_h[i, 0], by_h[i, 1], by_h[i, 2] = a, b, ahead
+        rows[i, 9] = w0 * u + w1 * v + w2 * disparity
+        rows[i, 6] = a * j00 + b * j10 + ahead * j20
+        rows[i, 7] = a * j01 + b * j11 + ahead * j21
+        rows[i, 8] = a * j02 + b * j12 + ahead * j22 + c
 
 
 @inner_kernel
