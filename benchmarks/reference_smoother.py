@@ -110,7 +110,8 @@ class ReferenceSmoother:
         stamps: dict[int, float],
         measurements: Measurements,
     ) -> None:
-        """Add a factor for each measurement, and the landmarks that are new."""
+        """Add a factor for each measurement in the window, and the landmarks that are new."""
+        measurements = measurements[measurements.t >= self._window_start]
         t, T_at = self.states.t, self.states.query(measurements.t)[0]
         before = np.clip(np.searchsorted(t, measurements.t, "right") - 1, 0, len(t) - 2)
         points = self._camera.triangulate(measurements.stereo)
@@ -124,6 +125,12 @@ class ReferenceSmoother:
             stamps[key] = max(time, stamps.get(key, time))
             if not (self._linearization_point.exists(key) or values.exists(key)):
                 values.insert(key, T_at[n, :3, :3] @ points[n] + T_at[n, :3, 3])
+
+    @property
+    def _window_start(self) -> float:
+        """Time of the first key state that has not left."""
+        known = (k for k in range(len(self.states)) if self._linearization_point.exists(X(k)))
+        return float(self.states.t[next(known, 0)])
 
     def _push(self, graph: gtsam.NonlinearFactorGraph, factor: gtsam.NonlinearFactor) -> None:
         graph.push_back(factor)
