@@ -56,6 +56,8 @@ TRACKS = {
     "30 clusters, seen in every other three": (30, 3, True),
 }
 """How long landmarks are measured, how many are new in each cluster, and if only now and then."""
+SECONDS = 60
+"""Of a row of the long stream."""
 WARM_UP = 10
 """Clusters that compile the kernels before the clock starts."""
 
@@ -238,7 +240,7 @@ def long_stream(minutes: float) -> None:
         table.add_column(heading, justify="right")
     spent: list[float] = []
     beyond: list[float] = []
-    per_minute = round(60 / simulation.period)
+    per_minute = round(SECONDS / simulation.period)
     for cluster in simulation.clusters(motion, rng):
         began = time.process_time()
         smoother.update(*cluster)

@@ -14,7 +14,7 @@ import pytest
 import yaml
 from run_files import RecordingFiles
 
-from gpvo import Odometry, Trajectory, open_recording
+from gpvo import FixedLagSmoother, Odometry, Trajectory, open_recording
 from gpvo.commands.cli import main
 from gpvo.config import load_configuration
 from gpvo.errors import InputError
@@ -86,6 +86,28 @@ def test_python_gives_the_same_trajectory(recording: RecordingFiles, result: Pat
     assert np.array_equal(saved.t, trajectory.t)
     assert np.array_equal(saved.T_world_cam, trajectory.T_world_cam)
     assert np.array_equal(saved.knot_covariance, trajectory.knot_covariance)
+
+
+def test_estimator_of_your_own_takes_the_place_of_the_configured_one(
+    recording: RecordingFiles, result: Path
+) -> None:
+    opened, config = (
+        open_recording(recording.data, recording.calibration),
+        load_configuration(recording.config),
+    )
+    camera = Odometry(opened.rig, config).camera
+    mine = FixedLagSmoother(camera, config.noise, config.estimator)
+    odometry = Odometry(opened.rig, config, estimator=mine)
+    trajectory = odometry.run(opened)
+    assert odometry.estimator is mine
+    assert np.array_equal(Trajectory.load(result / "trajectory.npz").twist, trajectory.twist)
+
+
+def test_diagnostics_are_in_the_metrics(result: Path) -> None:
+    metrics = json.loads((result / "metrics.json").read_text())
+    assert set(metrics) == {"run", "errors", "diagnostics"}
+    for found in metrics["diagnostics"]:
+        assert set(found) == {"key", "t", "measurement", "reason"}
 
 
 def test_trajectory_follows_the_true_motion(result: Path) -> None:
@@ -253,6 +275,11 @@ class TestBadInput:
             ("clustering: {max_events: -1}", "clustering.max_events"),
             ("[1, 2]", "config.yaml"),
             ("a: [", "config.yaml"),
+            ("estimator: {method: gauss_newton}", "method: fixed_lag"),
+            ("estimator: {loss: gnc}", "geman_mcclure"),
+            ("estimator: {landmarks: variables}", "fixed_lag eliminates landmarks"),
+            ("estimator: {method: isam2}", "estimator.method"),
+            ("noise: {track_drift: -1}", "noise.track_drift"),
         ],
     )
     def test_configuration(self, fails: Callable, tmp_path: Path, text: str, field: str) -> None:
