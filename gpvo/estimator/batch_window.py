@@ -153,8 +153,8 @@ class SlidingWindow:
         known = known[known.t >= self._states.t[0]]
         self._measurements = known[known.t > self._lag.start]
         self._lag.advance(stop)
-        if len(measurements) == 0:
-            self._coasting = np.append(self._coasting, stop)
+        if len(measurements) == 0 or len(self._measurements) == 0:
+            self._coasting = np.append(self._coasting, self._lag.stop)
 
     def _window_times(self) -> Array:
         """Times of the window's states; the first is final, the last before its measurements."""
