@@ -300,7 +300,8 @@ class FixedLagSmoother:
         self._first += count
         self._keys, self._solved = newest, len(newest)
         self._between = self._landmarks.states_between(self._window)
-        self._states = merged_states(newest, self._between)
+        measured = self._landmarks.measurements.t if self._build.unique_times else np.empty(0)
+        self._states = merged_states(newest, self._between, measured)
         self._own.keep({key(k) for k in self.window for key in (X, V)})
 
     def _window_again(self, forget: bool = False) -> GraphUpdate:
@@ -326,7 +327,8 @@ class FixedLagSmoother:
         start = self._knots[-1].t[-1] if self._knots else self._keys.t[0]
         solved = self._keys.t[: self._solved]
         end = solved[min(int(np.searchsorted(solved, stop - SAME_TIME)), len(solved) - 1)]
-        t = self._states.t[(self._states.t > start) & (self._states.t <= end)]
+        known = self._keys.t if self._between is None else self._states.t
+        t = known[(known > start) & (known <= end)]
         inner = t if self._build.unique_times else t[:0]  # between key states the prior is exact
         between = state_times(inner, self._config.covariance_interval, start)
         keys = solved[(solved > start) & (solved <= end)]

@@ -133,13 +133,15 @@ class WindowLandmarks:
         update.add_factors([] if self._factor is None else [self._factor])
 
 
-def merged_states(keys: States, between: StatesBetween | None) -> States:
-    """Return key states and those at unique times between them, in order of time."""
-    if between is None or len(between.t) == 0:
+def merged_states(keys: States, between: StatesBetween | None, measured: Array) -> States:
+    """Return key states and those at the measured times (N,) between them, in order of time."""
+    t = np.unique(measured)
+    t = t[(t > keys.t[0]) & (t < keys.t[-1])]
+    if len(t) == 0:
         return keys
-    before, after = bracket(keys.t, between.t)
-    distance = np.minimum(between.t - keys.t[before], keys.t[after] - between.t)
-    apart = (distance > SAME_TIME) & (np.diff(between.t, prepend=-np.inf) > SAME_TIME)
-    t = between.t[apart]
-    both = States.concatenate([keys, States(t, *between.states(t))])
+    before, after = bracket(keys.t, t)
+    distance = np.minimum(t - keys.t[before], keys.t[after] - t)
+    t = t[(distance > SAME_TIME) & (np.diff(t, prepend=-np.inf) > SAME_TIME)]
+    T, twist = keys.query(t) if between is None else between.states(t)
+    both = States.concatenate([keys, States(t, T, twist)])
     return both[np.argsort(both.t, kind="stable")]
