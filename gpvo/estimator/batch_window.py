@@ -103,12 +103,12 @@ class SlidingWindow:
         states = self._states.at(np.append(self._states.t[0], t))
         covariance = np.diag(self._first_deviations**2)
         window = NumberedStates(0, states)
+        factor = self._build.structureless(window.numbers, states.t, known)
         try:
             spread = Window(states, known, covariance).covariance(self._build, len(states))
+            new, left_out = within_gate(factor, window, spread, new, self._config.gate)
         except FAILURES:
             return new
-        factor = self._build.structureless(window.numbers, states.t, known)
-        new, left_out = within_gate(factor, window, spread, new, self._config.gate)
         self.diagnostics += left_out
         return new
 
