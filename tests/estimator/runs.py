@@ -66,8 +66,9 @@ def difference(trajectory: Trajectory, reference: Trajectory, t: np.ndarray) -> 
 def deviation(
     trajectory: Trajectory, reference: Trajectory, start: float | None = None
 ) -> np.ndarray:
-    """(N, 12) difference from `start` on, in the reference's standard deviations."""
-    t = np.linspace(reference.start if start is None else start, reference.stop, 100)[1:]
+    """(N, 12) difference from `start` to both ends, in the reference's standard deviations."""
+    stop = min(reference.stop, trajectory.stop)
+    t = np.linspace(reference.start if start is None else start, stop, 100)[1:]
     sigma = np.sqrt(np.diagonal(reference.covariance(t), 0, 1, 2))
     return np.abs(difference(trajectory, reference, t)) / sigma
 
