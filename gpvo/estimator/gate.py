@@ -32,6 +32,10 @@ def within_gate(
     if known is None:
         return new, []
     t = np.clip(new.t, window.states.t[0], window.states.t[-1])
-    distance = known.squared_distances(window.values(), new.stereo, t, new.landmark, covariance)
+    measured = new.stereo, t, new.landmark
+    try:
+        distance = known.squared_distances(window.values(), *measured, covariance)
+    except np.linalg.LinAlgError:  # what is known predicts nothing
+        return new, []
     inside = ~(distance > 2 * gammaincinv(1.5, share))
     return new[inside], diagnostics_of(new[~inside], BEYOND_GATE)

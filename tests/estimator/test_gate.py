@@ -58,3 +58,17 @@ def test_the_gate_lets_the_configured_share_in(
     known = np.isfinite(np.concatenate(found)).sum()
     assert known > 300
     assert 0.06 < left_out / known < 0.15
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_all_is_taken_where_there_is_no_prediction(
+    monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    def singular(*_: object) -> np.ndarray:
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+
+    monkeypatch.setattr(StructurelessStereoFactor, "squared_distances", singular)
+    clusters = regular(tracklets(clusters=6, noise=0.3))
+    gated = fed(make(gate=0.9, method=method, state_interval=0.025), clusters)
+    plain = fed(make(method=method, state_interval=0.025), clusters)
+    assert np.array_equal(gated.T_world_cam, plain.T_world_cam)
