@@ -326,3 +326,19 @@ def test_covariances_are_the_priors_where_gtsam_has_none(
     assert 0 < last[1] <= first[0] + 1.01 * expected
     if fault == "negative" or interval > 0:
         assert last[1] - first[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("loss", ["cauchy", "geman_mcclure"])
+@pytest.mark.parametrize(
+    "value",
+    [(1e4, 1e4, 1e4), (1e6, 1e6, 1e6), (-1e7, 1e7, 10.0), (1e7, 130.0, 1e-6), (200.0, 130.0, 1e7)],
+)
+def test_one_absurd_measurement_hardly_matters_to_a_robust_loss(
+    loss: str, value: tuple[float, float, float]
+) -> None:
+    """A disparity of ten million pixels costs the window that it is in, and is listed."""
+    clusters = regular(tracklets(clusters=7, noise=0.3))
+    clusters[3][1].stereo[0] = value
+    trajectory, diagnostics = run(clusters, loss=loss)
+    assert np.abs(trajectory.velocity(trajectory.t) - TWIST).max() < 0.1
+    assert bool(diagnostics) == (value[2] == 1e7)
