@@ -336,9 +336,7 @@ def test_covariances_are_the_priors_where_gtsam_has_none(
 def test_one_absurd_measurement_hardly_matters_to_a_robust_loss(
     loss: str, value: tuple[float, float, float]
 ) -> None:
-    """A disparity of ten million pixels costs the window that it is in, and is listed."""
     clusters = regular(tracklets(clusters=7, noise=0.3))
     clusters[3][1].stereo[0] = value
-    trajectory, diagnostics = run(clusters, loss=loss)
+    trajectory, _ = run(clusters, loss=loss)
     assert np.abs(trajectory.velocity(trajectory.t) - TWIST).max() < 0.1
-    assert bool(diagnostics) == (value[2] == 1e7)
