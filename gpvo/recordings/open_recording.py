@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from gpvo.errors import InputError
 from gpvo.recordings import two_files
-from gpvo.recordings.bags.mcap import McapFile, is_mcap
-from gpvo.recordings.bags.rosbag1 import RosBag1, is_rosbag1
+from gpvo.recordings.bags.mcap import McapFile
+from gpvo.recordings.bags.rosbag1 import RosBag1
 from gpvo.recordings.bags.rosbag2 import is_rosbag2, open_rosbag2
 from gpvo.recordings.bags.topics import open_log
 from gpvo.recordings.base import Recording
@@ -51,8 +51,8 @@ def _open_m3ed(
 FORMATS = (
     Format("MVSEC HDF5 (davis/left/events, davis/right/events)", is_mvsec, _open_mvsec),
     Format("M3ED HDF5", lambda path: has_dataset(path, M3ED["left"].x), _open_m3ed),
-    Format("ROS 1 bag", is_rosbag1, lambda path, *how: open_log(RosBag1(path), *how)),
-    Format("MCAP", is_mcap, lambda path, *how: open_log(McapFile(path), *how)),
+    Format("ROS 1 bag", RosBag1.recognise, lambda path, *how: open_log(RosBag1(path), *how)),
+    Format("MCAP", McapFile.recognise, lambda path, *how: open_log(McapFile(path), *how)),
     Format("ROS 2 bag", is_rosbag2, lambda path, *how: open_log(open_rosbag2(path), *how)),
     Format("AEDAT4", is_aedat4, open_aedat4),
     *(Format(kind.name, kind.recognise, kind.open) for kind in two_files.KINDS),

@@ -127,9 +127,8 @@ def span_ns(stream: EventStream) -> tuple[int, int]:
     if first is None:
         raise InputError(f"{stream.where}: holds no events; both cameras are needed")
     last_ns = int(first.t_ns[-1])
-    for block in stream.ends():
-        for part in in_order(iter([block]), Faults()):
-            last_ns = max(last_ns, int(part.t_ns[-1]))
+    for block in in_order(stream.ends(), Faults()):
+        last_ns = max(last_ns, int(block.t_ns[-1]))
     return int(first.t_ns[0]), last_ns
 
 

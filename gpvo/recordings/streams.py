@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Sized
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +81,31 @@ class EventStream(ABC):
     def ends(self) -> Iterator[EventBlock]:
         """Yield some of the last blocks, or all blocks if the format allows no shortcut."""
         yield from self.blocks(None, Faults())
+
+
+Part = TypeVar("Part", bound=Sized)
+
+
+def groups(parts: Iterable[Part], size: int) -> Iterator[list[Part]]:
+    """Yield consecutive parts together, as many as have `size` items; the last may have fewer."""
+    group: list[Part] = []
+    waiting = 0
+    for part in parts:
+        group.append(part)
+        waiting += len(part)
+        if waiting >= size:
+            yield group
+            group, waiting = [], 0
+    if waiting:
+        yield group
+
+
+def unread_note(path: Path, share: float) -> str:
+    """Return the note on a file of which a share, 0 to 1, cannot be read."""
+    return (
+        f"{path}: the file is cut short or damaged, {share:.1%} of the file cannot be read; copy"
+        " it again, or go on with what is intact"
+    )
 
 
 def nanoseconds(seconds: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -20,7 +20,7 @@ from recording_files import HEIGHT, WIDTH
 
 from gpvo.errors import InputError
 from gpvo.recordings import open_recording, read_calibration
-from gpvo.recordings.files import hdf5_columns
+from gpvo.recordings.files import hdf5_rows
 from gpvo.recordings.files.aedat4 import MAGIC, Aedat4, Aedat4Stream
 from gpvo.recordings.files.hdf5_columns import DSEC, ColumnStream
 from gpvo.recordings.streams import EventBlock, Faults
@@ -149,7 +149,7 @@ def test_starting_within(
     tmp_path: Path, index: str, seconds: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The index only makes it faster; an invalid one is not used."""
-    monkeypatch.setattr(hdf5_columns, "BLOCK_ROWS", 100)
+    monkeypatch.setattr(hdf5_rows, "BLOCK_ROWS", 100)
     indices = {
         "none": None,
         "zeros": np.zeros(500, np.uint64),

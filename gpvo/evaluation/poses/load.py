@@ -14,7 +14,7 @@ from gpvo.evaluation.poses.body_frames import body_to_left, raw_to_rectified
 from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.poses.rosbag import read_pose_bag
 from gpvo.recordings import StereoRig
-from gpvo.recordings.bags.rosbag1 import RosBag1, is_rosbag1
+from gpvo.recordings.bags.rosbag1 import RosBag1
 from gpvo.trajectory import StampedPoses, Trajectory
 from gpvo.trajectory.tum import parse_tum
 
@@ -80,7 +80,7 @@ def load_poses(
 
 def _topics(file: Path) -> Collection[str]:
     """Return the topics of a ROS 1 bag; none for other files."""
-    return RosBag1(file).topics if is_rosbag1(file) else ()
+    return RosBag1(file).topics if RosBag1.recognise(file) else ()
 
 
 def _of_left_camera(

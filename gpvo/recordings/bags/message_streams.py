@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,7 +21,7 @@ from gpvo.recordings.bags.event_messages import (
 from gpvo.recordings.bags.message_log import MessageLog
 from gpvo.recordings.decoders import libcaer
 from gpvo.recordings.decoders.evt3 import WRAP_US, Evt3
-from gpvo.recordings.streams import EventBlock, EventStream, Faults
+from gpvo.recordings.streams import EventBlock, EventStream, Faults, groups
 
 BLOCK_EVENTS = 1 << 17
 """Number of events; messages are joined to blocks of about this size."""
@@ -33,62 +35,55 @@ LAST_BYTES = 1 << 17
 DAMAGED_MESSAGE = "damaged messages were skipped"
 UNKNOWN_ENCODING = "event packets in an unknown encoding were skipped"
 
+M = TypeVar("M")
 
-class ArrayStream(EventStream):
+
+class TopicStream(EventStream):
+    """Event stream of the messages of a topic."""
+
+    def __init__(self, log: MessageLog, name: str) -> None:
+        self.where = f"{log.path}: {name}"
+        self._log, self._topic = log, log.topics[name]
+
+    def _parsed(
+        self, parse: Callable[[memoryview, str], M], faults: Faults, backwards: bool = False
+    ) -> Iterator[M]:
+        """Yield what a function makes of each message and the encoding; skip damaged ones."""
+        for message in self._log.messages(self._topic.name, faults, backwards):
+            try:
+                yield parse(message, self._topic.encoding)
+            except DamagedMessageError:
+                faults[DAMAGED_MESSAGE] += 1
+
+
+class ArrayStream(TopicStream):
     """Event stream of a topic of EventArray messages."""
 
     def __init__(self, log: MessageLog, name: str) -> None:
-        self.where = f"{log.path}: {name}"
-        self._log, self._topic = log, log.topics[name]
+        super().__init__(log, name)
         self._dtype = ROS1_EVENT if self._topic.encoding == "ros1" else CDR_EVENT
-        self.resolution = self._sensor()
-
-    def _sensor(self) -> tuple[int, int] | None:
-        for message in self._log.messages(self._topic.name, Faults()):
-            try:
-                width, height, _ = event_array(message, self._topic.encoding)
-            except DamagedMessageError:
-                continue
-            return (width, height) if width and height else None
-        return None
+        first = next(self._parsed(event_array, Faults()), None)
+        self.resolution = (first.width, first.height) if first and all(first[:2]) else None
 
     def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
-        parts: list[bytes | memoryview] = []
-        waiting = 0
-        for message in self._log.messages(self._topic.name, faults):
-            try:
-                records = event_array(message, self._topic.encoding).records
-            except DamagedMessageError:
-                faults[DAMAGED_MESSAGE] += 1
-                continue
-            parts.append(records)
-            waiting += len(records)
-            if waiting >= BLOCK_EVENTS * self._dtype.itemsize:
-                yield event_block(b"".join(parts), self._dtype)
-                parts, waiting = [], 0
-        if waiting:
-            yield event_block(b"".join(parts), self._dtype)
+        for records in groups(self._records(faults), BLOCK_EVENTS * self._dtype.itemsize):
+            yield event_block(b"".join(records), self._dtype)
 
     def ends(self) -> Iterator[EventBlock]:
         """Yield the events of the last messages, enough to separate credible and damaged stamps."""
-        parts: list[bytes | memoryview] = []
-        for message in self._log.messages(self._topic.name, Faults(), backwards=True):
-            try:
-                parts.append(event_array(message, self._topic.encoding).records)
-            except DamagedMessageError:
-                continue
-            if sum(map(len, parts)) >= LAST_EVENTS * self._dtype.itemsize:
-                break
-        if any(map(len, parts)):
-            yield event_block(b"".join(reversed(parts)), self._dtype)
+        backwards = self._records(Faults(), backwards=True)
+        for records in islice(groups(backwards, LAST_EVENTS * self._dtype.itemsize), 1):
+            yield event_block(b"".join(reversed(records)), self._dtype)
+
+    def _records(self, faults: Faults, backwards: bool = False) -> Iterator[bytes | memoryview]:
+        return (array.records for array in self._parsed(event_array, faults, backwards))
 
 
-class PacketStream(EventStream):
+class PacketStream(TopicStream):
     """Event stream of a topic of EventPacket messages: evt3, libcaer, libcaer_cmp or mono."""
 
     def __init__(self, log: MessageLog, name: str) -> None:
-        self.where = f"{log.path}: {name}"
-        self._log, self._topic = log, log.topics[name]
+        super().__init__(log, name)
         first = next(self._packets(Faults()), None)
         if first is None:
             raise InputError(f"{self.where}: holds no events; both cameras are needed")
@@ -106,16 +101,8 @@ class PacketStream(EventStream):
         return None
 
     def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
-        parts: list[EventBlock] = []
-        waiting = 0
-        for block in self._decoded(self._packets(faults), None, faults):
-            parts.append(block)
-            waiting += len(block)
-            if waiting >= BLOCK_EVENTS:
-                yield EventBlock.concatenate(parts)
-                parts, waiting = [], 0
-        if parts:
-            yield EventBlock.concatenate(parts)
+        decoded = self._decoded(self._packets(faults), None, faults)
+        yield from map(EventBlock.concatenate, groups(decoded, BLOCK_EVENTS))
 
     def ends(self) -> Iterator[EventBlock]:
         """Yield the events of the last packets, except those of EVT3 before its first time."""
@@ -127,9 +114,10 @@ class PacketStream(EventStream):
             if size >= LAST_BYTES:
                 break
         offset_ns = self.arrival_offset_ns()
-        last = list(self._decoded(reversed(packets), offset_ns, Faults()))
-        if last:
-            yield EventBlock.concatenate(last)
+        yield from self._decoded(reversed(packets), offset_ns, Faults())
+
+    def _packets(self, faults: Faults, backwards: bool = False) -> Iterator[EventPacket]:
+        return self._parsed(event_packet, faults, backwards)
 
     def _decoded(
         self, packets: Iterable[EventPacket], offset_ns: int | None, faults: Faults
@@ -156,15 +144,6 @@ class PacketStream(EventStream):
         if wraps == 0:
             return block
         return EventBlock(block.x, block.y, block.t_ns + wraps * self.wrap_ns, block.polarity)
-
-    def _packets(self, faults: Faults, backwards: bool = False) -> Iterator[EventPacket]:
-        for message in self._log.messages(self._topic.name, faults, backwards):
-            try:
-                packet = event_packet(message, self._topic.encoding)
-            except DamagedMessageError:
-                faults[DAMAGED_MESSAGE] += 1
-                continue
-            yield packet
 
 
 def _decode(packet: EventPacket, decoder: Evt3 | libcaer.LibcaerPacked) -> Iterator[EventBlock]:

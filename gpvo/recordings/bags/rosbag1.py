@@ -1,148 +1,73 @@
 """Read ROS 1 bags (format 2.0), even if a killed recorder left them without an index.
 
-The chunks are found by walking through the file, as a bag that is cut short has no reliable index.
-The walk reads only a few bytes of each chunk. A record is a header of name=value fields, then data;
-the length of each comes before it.
+A record is a header of name=value fields, then data; the length of each comes before it.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from gpvo.errors import InputError
-from gpvo.recordings.bags.message_log import MessageLog, Topic
-from gpvo.recordings.compression import DamagedChunkError, UnpackedChunks, unpack
-from gpvo.recordings.streams import DAMAGED, Faults
+from gpvo.recordings.bags.chunked_log import Chunk, ChunkedLog, DamagedRecordError
+from gpvo.recordings.bags.message_log import Topic
 
 LARGEST_HEADER = 1 << 20
 """Bytes of a record's header; a larger size is a sign of damage."""
 
-_U4 = struct.Struct("<I")
-
-MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 
-
-def is_rosbag1(path: Path) -> bool:
-    """Return whether a file begins with the magic bytes of a ROS 1 bag."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+_U4 = struct.Struct("<I")
 
 
-@dataclass
-class _Chunk:
-    """Position of a chunk's data, and the connections that its index names (None: unknown)."""
-
-    at: int
-    stored: int
-    size: int
-    compression: str
-    connections: set[int] | None = None
-
-
-@dataclass
-class RosBag1(MessageLog):
-    """A ROS 1 bag.
-
-    Raises
-    ------
-    InputError
-        If it holds no topic that can be read.
-    """
+class RosBag1(ChunkedLog):
+    """A ROS 1 bag."""
 
     name = "ROS 1 bag"
+    magic = b"#ROSBAG V2.0\n"
 
-    path: Path
-    topics: dict[str, Topic] = field(init=False, default_factory=dict)
-    notes: list[str] = field(init=False, default_factory=list)
-
-    def __post_init__(self) -> None:
-        self._chunks: list[_Chunk] = []
-        self._numbers: dict[str, set[int]] = {}
-        self._unpacked_chunks = UnpackedChunks()
+    def __init__(self, path: Path) -> None:
         self._known_headers: dict[bytes, int] = {}
-        with self.path.open("rb") as file:
-            self._walk(file)
-            if not self.topics:
-                self._find_topics_in_chunks(file)
-        if not self.topics:
-            raise InputError(f"{self.path}: holds no topics; record the bag again")
-
-    def messages(self, topic: str, faults: Faults, backwards: bool = False) -> Iterator[memoryview]:
-        wanted = self._numbers[topic]
-        with self.path.open("rb") as file:
-            for chunk in reversed(self._chunks) if backwards else self._chunks:
-                if chunk.connections is not None and not chunk.connections & wanted:
-                    continue
-                found = self._messages_of(file, chunk, wanted, faults)
-                yield from reversed(list(found)) if backwards else found
-
-    def _walk(self, file: BinaryIO) -> None:
-        """Find all chunks and the connections outside of them."""
-        file.seek(0, 2)
-        end = file.tell()
-        at = len(MAGIC)
-        try:
-            while at < end:
-                at = self._record(file, at, end)
-        except DamagedRecordError as error:
-            self.notes.append(
-                f"{self.path}: {error}, {(end - at) / end:.1%} of the file cannot be read;"
-                " copy it again, or go on with what is intact"
-            )
+        super().__init__(path)
 
     def _record(self, file: BinaryIO, at: int, end: int) -> int:
-        """Register the record at a position and return the position of the next one."""
         header, data_at, size = read_header(file, at, end)
         operation = operation_of(header)
         if operation == CHUNK:
-            chunk = _chunk(header, data_at, size, end)
-            self._chunks.append(chunk)
+            self._chunks.append(_chunk(header, data_at, min(size, end - data_at)))
         if data_at + size > end:
-            raise DamagedRecordError("the file is cut short or damaged")
+            raise DamagedRecordError
         if operation == INDEX and self._chunks:
             latest = self._chunks[-1]
-            latest.connections = (latest.connections or set()) | {u4(header, b"conn")}
+            latest.numbers = (latest.numbers or set()) | {u4(header, b"conn")}
         elif operation == CONNECTION:
             file.seek(data_at)
             self._connection(header, file.read(size))
         elif operation not in (CHUNK, INDEX, BAG, CHUNK_INFO, MESSAGE):
-            raise DamagedRecordError("the file is damaged")
+            raise DamagedRecordError
         return data_at + size
 
     def _connection(self, header: dict[bytes, bytes], data: bytes) -> None:
         number, fields = u4(header, b"conn"), parse_fields(data)
         try:
             name, kind = header[b"topic"].decode(), fields[b"type"].decode()
-            digest = fields.get(b"md5sum", b"").decode()
-        except (KeyError, UnicodeDecodeError) as error:
-            raise DamagedRecordError("the file is damaged") from error
-        self.topics.setdefault(name, Topic(name, kind.replace("/msg/", "/"), "ros1", digest))
-        self._numbers.setdefault(name, set()).add(number)
+        except KeyError as error:
+            raise DamagedRecordError from error
+        digest = fields.get(b"md5sum", b"").decode()
+        self._add_topic(Topic(name, kind.replace("/msg/", "/"), "ros1", digest), number)
 
-    def _find_topics_in_chunks(self, file: BinaryIO) -> None:
-        """Find the connections inside the chunks; a bag without its end has them only there."""
-        for chunk in self._chunks:
-            chunk.connections = None
-            try:
-                data = _unpacked(file, chunk)
-                for packed, start, stop in records(data):
-                    header = parse_fields(packed)
-                    if operation_of(header) == CONNECTION:
-                        self._connection(header, data[start:stop])
-            except (DamagedChunkError, DamagedRecordError):
-                continue
+    def _find_topics(self, data: bytes) -> None:
+        for packed, start, stop in records(data):
+            header = parse_fields(packed)
+            if operation_of(header) == CONNECTION:
+                self._connection(header, data[start:stop])
 
-    def _chunk_data(self, file: BinaryIO, chunk: _Chunk) -> bytes:
-        if chunk.compression == "none":
-            return _unpacked(file, chunk)
-        return self._unpacked_chunks.get(chunk.at, lambda: _unpacked(file, chunk))
+    def _messages_in(self, data: bytes, wanted: set[int]) -> Iterator[memoryview]:
+        view = memoryview(data)
+        for header, start, stop in records(data):
+            if self._connection_of(header) in wanted:
+                yield view[start:stop]
 
     def _connection_of(self, header: bytes) -> int:
         """Return the connection of a message, or -1 for other records.
@@ -158,31 +83,10 @@ class RosBag1(MessageLog):
             self._known_headers[kind] = number
         return number
 
-    def _messages_of(
-        self, file: BinaryIO, chunk: _Chunk, wanted: set[int], faults: Faults
-    ) -> Iterator[memoryview]:
-        try:
-            data = self._chunk_data(file, chunk)
-            view = memoryview(data)
-            for header, start, stop in records(data):
-                if self._connection_of(header) in wanted:
-                    yield view[start:stop]
-        except (DamagedChunkError, DamagedRecordError):
-            faults[DAMAGED] += 1
 
-
-def _chunk(header: dict[bytes, bytes], at: int, size: int, end: int) -> _Chunk:
+def _chunk(header: dict[bytes, bytes], at: int, stored: int) -> Chunk:
     compression = header.get(b"compression", b"").decode(errors="replace")
-    return _Chunk(at, min(size, end - at), u4(header, b"size"), compression)
-
-
-def _unpacked(file: BinaryIO, chunk: _Chunk) -> bytes:
-    file.seek(chunk.at)
-    return unpack(chunk.compression, file.read(chunk.stored), chunk.size)
-
-
-class DamagedRecordError(Exception):
-    """A record that is invalid or ends after the end of the file."""
+    return Chunk(at, stored, u4(header, b"size"), compression)
 
 
 def read_header(file: BinaryIO, at: int, end: int) -> tuple[dict[bytes, bytes], int, int]:
@@ -190,7 +94,7 @@ def read_header(file: BinaryIO, at: int, end: int) -> tuple[dict[bytes, bytes], 
     file.seek(at)
     length = _u4_of(file.read(4))
     if length > min(LARGEST_HEADER, end - at):
-        raise DamagedRecordError("the file is cut short or damaged")
+        raise DamagedRecordError
     header = parse_fields(file.read(length))
     return header, at + 8 + length, _u4_of(file.read(4))
 
@@ -200,15 +104,15 @@ def records(data: bytes) -> Iterator[tuple[bytes, int, int]]:
     at, end = 0, len(data)
     while at < end:
         if at + 8 > end:
-            raise DamagedRecordError("a chunk ends early")
+            raise DamagedRecordError
         length = _U4.unpack_from(data, at)[0]
         start = at + 8 + length
         if start > end:
-            raise DamagedRecordError("a chunk ends early")
+            raise DamagedRecordError
         header = data[at + 4 : start - 4]
         stop = start + int(_U4.unpack_from(data, start - 4)[0])
         if stop > end:
-            raise DamagedRecordError("a chunk ends early")
+            raise DamagedRecordError
         yield header, start, stop
         at = stop
 
@@ -222,7 +126,7 @@ def parse_fields(data: bytes) -> dict[bytes, bytes]:
         name, equals, value = data[at + 4 : at + 4 + length].partition(b"=")
         at += 4 + length
         if not equals or at > end:
-            raise DamagedRecordError("the file is damaged")
+            raise DamagedRecordError
         fields[name] = value
     return fields
 
@@ -231,7 +135,7 @@ def operation_of(header: dict[bytes, bytes]) -> int:
     """Return the operation code of a header, the kind of its record."""
     value = header.get(b"op", b"")
     if len(value) != 1:
-        raise DamagedRecordError("the file is damaged")
+        raise DamagedRecordError
     return value[0]
 
 
@@ -242,5 +146,5 @@ def u4(header: dict[bytes, bytes], name: bytes) -> int:
 
 def _u4_of(value: bytes) -> int:
     if len(value) != 4:
-        raise DamagedRecordError("the file is cut short or damaged")
+        raise DamagedRecordError
     return int(_U4.unpack(value)[0])

@@ -12,7 +12,7 @@ from urllib.parse import quote
 import zstandard
 
 from gpvo.errors import InputError
-from gpvo.recordings.bags.mcap import McapFile, is_mcap
+from gpvo.recordings.bags.mcap import McapFile
 from gpvo.recordings.bags.message_log import MessageLog, Topic
 from gpvo.recordings.compression import LARGEST_CHUNK
 from gpvo.recordings.streams import DAMAGED, Faults
@@ -39,7 +39,7 @@ def open_rosbag2(path: Path) -> MessageLog:
     if packed:
         raise InputError(f"{packed[0]}: is compressed as a whole; unpack it with zstd -d first")
     logs: list[MessageLog] = [
-        McapFile(file) if is_mcap(file) else SqliteBag(file) for file in files
+        McapFile(file) if McapFile.recognise(file) else SqliteBag(file) for file in files
     ]
     return logs[0] if len(logs) == 1 else SplitBag(path, logs)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -17,7 +18,7 @@ from gpvo.recordings.calibration.find import Calibration, rig_for
 from gpvo.recordings.compression import DamagedChunkError, unpack
 from gpvo.recordings.pairing import camera_files, choose_pair, files_of
 from gpvo.recordings.stereo import StreamRecording
-from gpvo.recordings.streams import DAMAGED, EventBlock, EventStream, Faults
+from gpvo.recordings.streams import DAMAGED, EventBlock, EventStream, Faults, groups, unread_note
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 COMPRESSIONS = ("none", "lz4", "lz4", "zstd", "zstd")
@@ -135,10 +136,7 @@ class Aedat4:
                 packets.append(_Packet(number, at + 8, size))
                 at += 8 + size
         if at != stop:
-            self.notes.append(
-                f"{self.path}: the file is cut short or damaged, {(end - at) / end:.1%} of it"
-                " cannot be read; copy it again, or go on with what is intact"
-            )
+            self.notes.append(unread_note(self.path, (end - at) / end))
         elif table_at > end:
             self.notes.append(
                 f"{self.path}: the file is cut short, its end is missing; copy it again, or go on"
@@ -164,22 +162,12 @@ class Aedat4Stream(EventStream):
         self.resolution, self.notes = self._sensor.resolution, file.notes
 
     def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
-        parts: list[EventBlock] = []
-        waiting = 0
-        for block in self._file.packets(self._sensor.number, faults):
-            parts.append(block)
-            waiting += len(block)
-            if waiting >= BLOCK_EVENTS:
-                yield EventBlock.concatenate(parts)
-                parts, waiting = [], 0
-        if waiting:
-            yield EventBlock.concatenate(parts)
+        packets = self._file.packets(self._sensor.number, faults)
+        yield from map(EventBlock.concatenate, groups(packets, BLOCK_EVENTS))
 
     def ends(self) -> Iterator[EventBlock]:
         packets = self._file.packets(self._sensor.number, Faults(), backwards=True)
-        last = [packet for _, packet in zip(range(LAST_PACKETS), packets, strict=False)]
-        if last:
-            yield EventBlock.concatenate(last[::-1])
+        yield from reversed(list(islice(packets, LAST_PACKETS)))
 
 
 def _only_stream(path: Path) -> Aedat4Stream:

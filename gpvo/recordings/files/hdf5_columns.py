@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.errors import InputError
-from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5, read_rows
-from gpvo.recordings.streams import EventBlock, EventStream, Faults, nanoseconds
-
-BLOCK_ROWS = 1 << 19
-LAST_ROWS = 1 << 14
+from gpvo.recordings.files.hdf5_rows import Rows, RowStream
+from gpvo.recordings.hdf5 import H5Error, holds, read_rows
+from gpvo.recordings.streams import EventBlock, nanoseconds
 
 
 @dataclass(frozen=True)
@@ -48,7 +43,7 @@ M3ED = {
 }
 
 
-class ColumnStream(EventStream):
+class ColumnStream(RowStream):
     """Event stream of one camera in columns.
 
     Raises
@@ -58,30 +53,15 @@ class ColumnStream(EventStream):
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
-        self.path, self.layout = path, layout
-        self.where = f"{path}: {layout.x.rpartition('/')[0]}"
-        with self._open() as columns:
-            self.rows = columns.rows
+        self._layout = layout
+        super().__init__(path, f"{path}: {layout.x.rpartition('/')[0]}")
 
-    def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
-        with self._open() as columns:
-            first = 0 if start_ns is None else columns.first_row(start_ns)
-            for row in range(first, self.rows, BLOCK_ROWS):
-                yield columns.block(row, min(row + BLOCK_ROWS, self.rows))
-
-    def ends(self) -> Iterator[EventBlock]:
-        if self.rows:
-            with self._open() as columns:
-                yield columns.block(max(0, self.rows - LAST_ROWS), self.rows)
-
-    @contextmanager
-    def _open(self) -> Iterator[_Columns]:
-        with open_hdf5(self.path) as file:
-            yield _Columns.of(file, self.layout, self.where)
+    def _rows_of(self, file: h5py.File) -> Rows:
+        return _Columns.of(file, self._layout, self.where)
 
 
 @dataclass(frozen=True)
-class _Columns:
+class _Columns(Rows):
     """Open datasets of one camera."""
 
     x: h5py.Dataset
@@ -104,12 +84,10 @@ class _Columns:
         offset_ns = 1000 * _scalar(file, layout.offset, where)
         return _Columns(x, y, t, polarity, _usable_index(index), offset_ns)
 
-    @property
-    def rows(self) -> int:
+    def __len__(self) -> int:
         return len(self.t)
 
     def block(self, first: int, stop: int) -> EventBlock:
-        """Return the events of rows first to stop - 1."""
         return EventBlock(
             _pixels(read_rows(self.x, first, stop)),
             _pixels(read_rows(self.y, first, stop)),
@@ -118,21 +96,21 @@ class _Columns:
         )
 
     def first_row(self, start_ns: int) -> int:
-        """Return the first row from a stamp on, by bisection if the file has no valid index."""
+        """Return the first row from a stamp on, by the file's index if it has a valid one."""
         millisecond = (start_ns - self.offset_ns) // 1_000_000
         if self.index is not None and 0 <= millisecond < len(self.index):
             row = int(read_rows(self.index, millisecond, millisecond + 1)[0])
             edge_ns = self.offset_ns + 1_000_000 * millisecond
-            if 0 <= row <= self.rows and self._splits(row, edge_ns):
+            if 0 <= row <= len(self) and self._splits(row, edge_ns):
                 return row
-        return bisect_left(range(self.rows), start_ns, key=self._stamp)
+        return super().first_row(start_ns)
 
     def _splits(self, row: int, edge_ns: int) -> bool:
         """Return whether the rows before `row`, and only they, are earlier than `edge_ns`."""
-        starts = row == self.rows or self._stamp(row) >= edge_ns
-        return starts and (row == 0 or self._stamp(row - 1) < edge_ns)
+        starts = row == len(self) or self.stamp(row) >= edge_ns
+        return starts and (row == 0 or self.stamp(row - 1) < edge_ns)
 
-    def _stamp(self, row: int) -> int:
+    def stamp(self, row: int) -> int:
         return int(self._stamps(read_rows(self.t, row, row + 1))[0])
 
     def _stamps(self, times: NDArray[Any]) -> NDArray[np.int64]:
