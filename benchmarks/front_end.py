@@ -33,7 +33,6 @@ FRONT_ENDS: dict[str, dict[str, Fields]] = {
     "": {DEFAULT: {}},
     "tracker": {
         "viso2": {"tracking": {"tracker": "viso2", "features": {"response_threshold": 700}}},
-        "event": {"tracking": {"tracker": "event"}},
     },
     "event image": {
         "binary": {"tracking": {"image": "binary"}},

@@ -88,58 +88,6 @@ class KltConfig(StageConfig):
     )
 
 
-class EventTrackerConfig(StageConfig):
-    """Patches of events that move event by event (HASTE)."""
-
-    patch_size: int = Field(31, ge=5, description="Side of the patch, pixels.")
-    window: int = Field(
-        400, ge=20, description="Latest events of a patch, by which its motion is judged."
-    )
-    memory: float = Field(
-        0.1, gt=0, description="Longest time that the events of a measurement span, seconds."
-    )
-    min_events: int = Field(100, ge=3, description="Least events of a measurement.")
-    smoothing: float = Field(
-        1.0, gt=0, description="Standard deviation of the Gaussian blur of patches, pixels."
-    )
-    rotation_step: float = Field(
-        4.0, gt=0, description="Angle between the hypotheses of a patch's rotation, degrees."
-    )
-    margin: float = Field(
-        0.2,
-        ge=0,
-        description="Share by which a hypothesis must be likelier than the present one to win.",
-    )
-    template_rate: float = Field(
-        0.3,
-        ge=0,
-        le=1,
-        description="Share of a template that is replaced by what the patch looks like, at every "
-        "measurement.",
-    )
-    max_features: int = Field(200, ge=1, description="Patches that are followed at a time.")
-    spacing: int = Field(6, ge=1, description="Smallest distance between patches, pixels.")
-    patience: int = Field(
-        10, ge=1, description="Clusters after which a patch that saw few events is given up."
-    )
-    max_deviation: float = Field(
-        0.1,
-        gt=0,
-        description="Largest standard deviation of a measured position by the residuals, which are "
-        "correlated so that the true one is larger, pixels.",
-    )
-    min_stereo_correlation: float = Field(
-        0.7, ge=-1, le=1, description="Least correlation of a patch between left and right."
-    )
-    max_disparity: int = Field(100, ge=1, description="Search range of stereo matches, pixels.")
-
-    @model_validator(mode="after")
-    def _enough_events(self) -> EventTrackerConfig:
-        if self.min_events > self.window:
-            raise ValueError("min_events must not be larger than window")
-        return self
-
-
 class Viso2Config(StageConfig):
     """LIBVISO2's circular matching of descriptors."""
 
@@ -216,11 +164,10 @@ class CompensationConfig(StageConfig):
 class TrackingConfig(StageConfig):
     """Section III-A.2: detection, quad matching and extension over earlier frames."""
 
-    tracker: Literal["klt", "viso2", "event"] = Field(
+    tracker: Literal["klt", "viso2"] = Field(
         "klt",
-        description="How features are matched: by the patch around them (Lucas-Kanade), by "
-        "LIBVISO2's descriptors, the paper's choice, or event by event, which has no use for "
-        "`resolutions`, `image` and `earlier_frames`.",
+        description="How features are matched: by the patch around them (Lucas-Kanade), or by "
+        "LIBVISO2's descriptors, the paper's choice.",
     )
     resolutions: tuple[Literal[1, 2], ...] = Field(
         (1,),
@@ -240,8 +187,18 @@ class TrackingConfig(StageConfig):
     features: FeatureConfig = FeatureConfig()
     klt: KltConfig = KltConfig()
     viso2: Viso2Config = Viso2Config()
-    event: EventTrackerConfig = EventTrackerConfig()
     compensation: CompensationConfig = CompensationConfig()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_what_is_new(cls, values: Any) -> Any:
+        """Name the present value of what earlier versions had."""
+        if isinstance(values, dict) and (values.get("tracker") == "event" or "event" in values):
+            raise ValueError(
+                "the tracker event and its fields are no longer there; leave them out: tracker: klt"
+                " is more accurate and faster"
+            )
+        return values
 
 
 class TrackletConfig(StageConfig):

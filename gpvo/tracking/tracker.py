@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from gpvo.config import TrackingConfig
 from gpvo.events import StereoCluster
 from gpvo.tracking.features import half_resolution
-from gpvo.tracking.haste import EventTracker
 from gpvo.tracking.klt import KltTracker
 from gpvo.tracking.motion_compensation import MotionCompensation
 from gpvo.tracking.observations import Observations
@@ -45,7 +44,7 @@ class ImageTracker(Protocol):
 
 def make_tracker(config: TrackingConfig) -> Tracker:
     """Make the tracker that the configuration names."""
-    return EventTracker(config) if config.tracker == "event" else MultiResolutionTracker(config)
+    return MultiResolutionTracker(config)
 
 
 class MultiResolutionTracker:

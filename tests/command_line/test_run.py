@@ -279,6 +279,8 @@ class TestBadInput:
             ("estimator: {loss: gnc}", "geman_mcclure"),
             ("estimator: {landmarks: variables}", "fixed_lag eliminates landmarks"),
             ("estimator: {method: isam2}", "estimator.method"),
+            ("tracking: {tracker: event}", "tracker: klt"),
+            ("tracking: {event: {patch_size: 31}}", "tracker: klt"),
             ("noise: {track_drift: -1}", "noise.track_drift"),
         ],
     )

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from factors.lie import se3_exp
 from factors.stereo import StereoCamera
-from gpvo.events import ClusterEvents, RectifiedEvents, StereoCluster
+from gpvo.events import ClusterEvents, StereoCluster
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -21,12 +18,6 @@ Image = NDArray[np.uint8]
 HEIGHT, WIDTH = 180, 240
 FRAME = 0.1
 """Seconds between frames."""
-STEPS = 20
-"""Number of pictures per frame between which events are simulated."""
-CONTRAST = 2.0
-"""Change of the texture between two successive events of a pixel."""
-MARGIN = 60
-"""Width of the sampled margin around the first image, in units of the texture."""
 CAMERA = StereoCamera(200.0, 200.0, 120.0, 90.0, 0.1)
 
 
@@ -42,13 +33,6 @@ class Texture:
     def __call__(self, x: Array, y: Array) -> Array:
         angle = np.multiply.outer(x, self._waves[0]) + np.multiply.outer(y, self._waves[1])
         return np.sin(angle + self._phase).sum(axis=-1) / np.sqrt(20)
-
-    @cached_property
-    def sampled(self) -> NDArray[np.float32]:
-        """Values at every half unit of the first camera's view and its surroundings."""
-        half_height, half_width = HEIGHT // 2 + MARGIN, WIDTH // 2 + MARGIN
-        y, x = np.mgrid[-half_height:half_height:0.5, -half_width:half_width:0.5]
-        return self(x, y).astype(np.float32)
 
     def grey(self, dx: float = 0.0, dy: float = 0.0) -> Image:
         """Draw a smooth image of the texture moved by (dx, dy) pixels: bright where near 0."""
@@ -127,48 +111,6 @@ class MovingPlane:
             points = self.plane_points(frame, pixels, offset) * scale
             shown.append(contours(self.texture(points[:, 0], points[:, 1])).reshape(HEIGHT, WIDTH))
         return shown[0], shown[1]
-
-    def values(self, frame: float, offset: float) -> Array:
-        """Compute the texture (height, width) that a camera sees `offset` metres to the right."""
-        v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
-        pixels = np.column_stack([u.ravel(), v.ravel()])
-        points = self.plane_points(frame, pixels, offset) * (CAMERA.fx / self.depth)
-        origin = np.array([WIDTH // 2 + MARGIN, HEIGHT // 2 + MARGIN])
-        place = (2 * (points[:, :2] + origin)).astype(np.float32).reshape(HEIGHT, WIDTH, 2)
-        return cv2.remap(self.texture.sampled, place, None, cv2.INTER_CUBIC).astype(np.float64)
-
-    def events(self, start: float, stop: float, offset: float = 0.0) -> RectifiedEvents:
-        """Simulate events between two frames, where the texture passes multiples of CONTRAST."""
-        frames = np.linspace(start, stop, round(STEPS * (stop - start)) + 1)
-        points, times, polarity = [], [], []
-        before = self.values(frames[0], offset) / CONTRAST
-        for first, last in pairwise(frames):
-            after = self.values(last, offset) / CONTRAST
-            level = np.maximum(np.floor(before), np.floor(after))
-            v, u = np.nonzero(np.floor(before) != np.floor(after))
-            part = (level[v, u] - before[v, u]) / (after[v, u] - before[v, u])
-            points.append(np.column_stack([u, v]).astype(np.float64))
-            times.append(FRAME * (first + part * (last - first)))
-            polarity.append(after[v, u] > before[v, u])
-            before = after
-        t = np.concatenate(times)
-        order = np.argsort(t, kind="stable")
-        return RectifiedEvents(
-            np.concatenate(points)[order], t[order], np.concatenate(polarity)[order]
-        )
-
-    def cluster(self, start: float, stop: float) -> StereoCluster:
-        """Simulate all events of both cameras between two frames."""
-        sides = [image_of(self.events(start, stop, x)) for x in (0.0, CAMERA.baseline)]
-        return StereoCluster(FRAME * start, FRAME * stop, *sides)
-
-
-def image_of(events: RectifiedEvents) -> ClusterEvents:
-    """Make cluster events that also return the single events."""
-    surface = np.full((HEIGHT, WIDTH), -np.inf)
-    column, row = np.rint(events.points).astype(int).T
-    np.maximum.at(surface, (row, column), events.t)
-    return ClusterEvents(surface, len(events), lambda: events)
 
 
 def cluster_of(left: Image, right: Image, start: float = 0.0) -> StereoCluster:
