@@ -63,13 +63,13 @@ class ReferenceSmoother:
         end_time: float,
         measurements: Measurements,
         velocity_estimate: VelocityFit | None = None,
-    ) -> States:
-        """Take the measurements that a cluster added; return all key states."""
+    ) -> None:
+        """Take the measurements that a cluster added."""
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         stamps: dict[int, float] = {}
         if len(self.states) == 0:
             if len(measurements) == 0:
-                return self.states
+                return
             self._begin(graph, float(measurements.t.min()))
         before = len(self.states)
         self._extend(graph, end_time)
@@ -82,7 +82,6 @@ class ReferenceSmoother:
         for _ in range(self._steps - 1):
             self._smoother.update()
         self._read(self._smoother.calculateEstimate())
-        return self.states
 
     def _begin(self, graph: gtsam.NonlinearFactorGraph, t: float) -> None:
         """Make the first state, whose pose defines the world."""

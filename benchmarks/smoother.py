@@ -71,17 +71,17 @@ class Recorder:
         self.updates: list[Update] = []
         self.began: list[float] = []
         self.diagnostics: list[Diagnostic] = []
+        self.states = States()
 
     def update(
         self,
         end_time: float,
         measurements: Measurements,
         velocity_estimate: VelocityFit | None = None,
-    ) -> States:
+    ) -> None:
         """Remember a cluster."""
         self.updates.append((end_time, measurements, velocity_estimate))
         self.began.append(time.process_time())
-        return States()
 
     def final_states(self, after: float = -np.inf) -> States:
         """There are none."""

@@ -46,7 +46,8 @@ def run(odometer: bool) -> Array:
     for cluster in range(CLUSTERS):
         end_time = (cluster + 1) * PERIOD
         measured = measure(cluster, points, rng)
-        states = smoother.update(end_time, nothing if cluster in DARK else measured)
+        smoother.update(end_time, nothing if cluster in DARK else measured)
+        states = smoother.states
         if odometer:
             newest = V(smoother.window[-1])  # the twist of the state at the cluster's end
             twist = TWIST + rng.normal(size=6) * ODOMETER.sigmas()

@@ -60,11 +60,11 @@ class SlidingWindow:
         end_time: float,
         measurements: Measurements,
         velocity_estimate: VelocityFit | None = None,
-    ) -> States:
+    ) -> None:
         """Take the inlier measurements that a cluster added, which ended at `end_time`, seconds.
 
         Without any, the prior carries the estimate on to its end. `velocity_estimate`, if given,
-        is where the new states start from. Returned are the states in the window as estimated now.
+        is where the new states start from.
 
         Raises
         ------
@@ -77,21 +77,25 @@ class SlidingWindow:
         self.diagnostics += left_out
         if len(self._states) == 0:
             if len(usable) == 0:
-                return States()
+                return
             start = usable.t.min()
             self._states = start_states(start, velocity_estimate, self._build.noise)
         earlier = self._measurements
         self._add(end_time, self._accepted(usable))
         t = self._window_times()
         if len(t) < 2:
-            return self._states
+            return
         optimized = self._optimized(t, velocity_estimate)
         final = int(np.searchsorted(self._states.t, t[0]))
         if final:
             self._knots.append(self._knots_until(t[0], earlier))
             self._final.append(self._states[:final])
         self._states = optimized
-        return optimized
+
+    @property
+    def states(self) -> States:
+        """States in the window as estimated now."""
+        return self._states
 
     def _accepted(self, new: Measurements) -> Measurements:
         """Return the measurements within the gate: of states at knots, as far as these go."""

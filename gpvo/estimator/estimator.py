@@ -29,11 +29,13 @@ class Estimator(Protocol):
         end_time: float,
         measurements: Measurements,
         velocity_estimate: VelocityFit | None = None,
-    ) -> States:
-        """Take what a cluster added, which ended at `end_time`, seconds.
+    ) -> None:
+        """Take what a cluster added, which ended at `end_time`, seconds."""
+        ...
 
-        Returned are the states in the window as estimated now.
-        """
+    @property
+    def states(self) -> States:
+        """States in the window as estimated now."""
         ...
 
     def final_states(self, after: float = ...) -> States:

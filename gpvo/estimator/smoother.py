@@ -69,11 +69,10 @@ class FixedLagSmoother:
         self._knots: list[CovarianceKnots] = []
         self._first, self._keys = 0, States()
         self._between: StatesBetween | None = None
-        self._states = States()
         self._solved = 0
         # Callbacks are faster for factors that Python keeps alive, by the time of the update.
         self._factors: dict[float, list[gtsam.NonlinearFactor]] = {}
-        self._leave_before = -np.inf
+        self._leave_before, self._leaving, self._old = -np.inf, 0, States()
         self._start_smoother()
 
     def update(
@@ -81,11 +80,11 @@ class FixedLagSmoother:
         end_time: float,
         measurements: Measurements,
         velocity_estimate: VelocityFit | None = None,
-    ) -> States:
+    ) -> None:
         """Take the inlier measurements that a cluster added, which ended at `end_time`, seconds.
 
         Without any, the prior carries the estimate on to its end. `velocity_estimate`, if given,
-        is where the new states start from. Returned are the states in the window as estimated now.
+        is where the new states start from.
 
         Raises
         ------
@@ -103,13 +102,12 @@ class FixedLagSmoother:
             elif len(usable):
                 self._begin(update, usable.t.min(), velocity_estimate)
             else:
-                return States()
+                return
             self._lag.advance(end_time)
             self._extend(update, usable, end_time, velocity_estimate)
             accepted = self._accepted(usable)
             self.diagnostics += self._own.add_to(update, self._window)
             self._solve(update, accepted)
-        return self._states
 
     def add(self, *factors: gtsam.NonlinearFactor) -> None:
         """Add factors of your own between key states in the window, such as IMU, GPS, or odometry.
@@ -119,6 +117,11 @@ class FixedLagSmoother:
         `diagnostics`.
         """
         self._own.new += factors
+
+    @property
+    def states(self) -> States:
+        """States in the window as estimated now: key states, and those at the measured times."""
+        return self._states_until(len(self._keys) - 1)
 
     @property
     def window(self) -> range:
@@ -135,9 +138,10 @@ class FixedLagSmoother:
         if len(self._keys) == 0:
             return None
         with one_blas_thread():
-            now = self._knots_until(np.inf)
+            inside = self.states
+            now = self._knots_of(inside)
         knots = CovarianceKnots.joined(CovarianceKnots.extended(self._knots, now))
-        states = States.concatenate([*self._final, self._states])
+        states = States.concatenate([*self._final, inside])
         return Trajectory.of_states(states, knots, self._build.noise, start_ns)
 
     def final_states(self, after: float = -np.inf) -> States:
@@ -177,9 +181,11 @@ class FixedLagSmoother:
         return CovarianceKnots.last_covariance(self._knots, deviations)
 
     def _keep_what_leaves(self) -> None:
-        """Keep the covariances of the states that the latest cluster made old."""
+        """Keep the states that the latest cluster made old, and their covariances."""
         self._leave_before = min(self._lag.start, self._keys.t[-1])
-        knots = self._knots_until(self._leave_before)
+        self._leaving = self._window.before(self._leave_before - SAME_TIME)
+        self._old = self._states_until(self._leaving)
+        knots = self._knots_of(self._old)
         if len(knots.t):
             self._knots[-1:] = CovarianceKnots.extended(self._knots[-1:], knots)
 
@@ -240,8 +246,7 @@ class FixedLagSmoother:
 
     def _add_measurements(self, update: GraphUpdate, new: Measurements) -> Exception | None:
         """Add new measurements, marginalise those that leave; return what went wrong if it does."""
-        leaving = self._window.before(self._leave_before - SAME_TIME)
-        in_graph = self._smoother.getFactors()
+        leaving, in_graph = self._leaving, self._smoother.getFactors()
         others = factors_that_leave(in_graph, update, self._window, leaving, self._landmarks.index)
         try:
             self._landmarks.add_to(update, self._window, new, leaving, others)
@@ -265,7 +270,7 @@ class FixedLagSmoother:
         self._landmarks.clear()
         self._keys = self._keys[:1].at(self._keys.t)
         if self._failure(self._window_again()) is not None:
-            self._states, self._between, self._solved = self._keys, None, len(self._keys)
+            self._between, self._solved = None, len(self._keys)
 
     def _report(self, reason: str) -> None:
         key = gtsam.DefaultKeyFormatter(X(self._first))
@@ -286,33 +291,35 @@ class FixedLagSmoother:
         self._factors = active | {newest: active.get(newest, []) + update.factors}
         self._smoother.setSmootherLag(newest - self._leave_before + SAME_TIME)
         self._smoother.update(update.graph, update.values, update.stamps, update.removed)
-        estimate = self._smoother.calculateEstimate()
-        left = next(n for n, k in enumerate(self.window) if estimate.exists(X(k)))
+        left, estimate = self._leaving, self._smoother.calculateEstimate()
         keys = states_of(estimate, self.window[left:], self._keys.t[left:])
         self._landmarks.updated(self._smoother.getISAM2Result().getNewFactorsIndices())
-        self._let_go(left, keys)
+        self._let_go(keys)
 
-    def _let_go(self, count: int, newest: States) -> None:
-        """Make the states before the first `count` key states final, and move on the others."""
-        if count:
-            last = int(np.searchsorted(self._states.t, self._keys.t[count])) + 1
-            self._final.append(correct_final_states(self._states[:last], newest[:1])[:-1])
-        self._first += count
-        self._keys, self._solved = newest, len(newest)
+    def _let_go(self, newest: States) -> None:
+        """Make the states that leave final, and move on the others."""
+        if self._leaving:
+            self._final.append(correct_final_states(self._old, newest[:1])[:-1])
+        self._leave(newest)
+        self._solved = len(newest)
         self._between = self._landmarks.states_between(self._window)
-        measured = self._landmarks.measurements.t if self._build.unique_times else np.empty(0)
-        self._states = merged_states(newest, self._between, measured)
+
+    def _leave(self, stays: States) -> None:
+        """Begin the window at the first key state that stays."""
+        self._first, self._keys, self._leaving = self._first + self._leaving, stays, 0
         self._own.keep({key(k) for k in self.window for key in (X, V)})
+
+    def _states_until(self, last: int) -> States:
+        """Return the states in the window up to the key state number `last`."""
+        measured = self._landmarks.measurements.t if self._build.unique_times else np.empty(0)
+        return merged_states(self._keys[: last + 1], self._between, measured)
 
     def _window_again(self, forget: bool = False) -> GraphUpdate:
         """Return everything in the window, for a new smoother."""
-        leaving = self._window.before(self._leave_before - SAME_TIME)
+        leaving = self._leaving
         if leaving:
-            last = int(np.searchsorted(self._states.t, self._keys.t[leaving]))
-            self._final.append(self._states[:last])
-            self._states = self._states[last:]
-            self._first, self._keys = self._first + leaving, self._keys[leaving:]
-            self._own.keep({key(k) for k in self.window for key in (X, V)})
+            self._final.append(self._old[:-1])
+            self._leave(self._keys[leaving:])
         self._start_smoother()
         update, t = GraphUpdate(), self._keys.t
         motion = self._build.motion(self.window, t)
@@ -322,17 +329,13 @@ class FixedLagSmoother:
         self._landmarks.add_all_to(update, self._window, forget or leaving > 0)
         return update
 
-    def _knots_until(self, stop: float) -> CovarianceKnots:
-        """Return the next knots, up to the first key state that does not leave before `stop`."""
+    def _knots_of(self, states: States) -> CovarianceKnots:
+        """Return the next knots, of the first states in the window, the last one a key state."""
         start = self._knots[-1].t[-1] if self._knots else self._keys.t[0]
-        solved = self._keys.t[: self._solved]
-        end = solved[min(int(np.searchsorted(solved, stop - SAME_TIME)), len(solved) - 1)]
-        known = self._keys.t if self._between is None else self._states.t
-        t = known[(known > start) & (known <= end)]
-        inner = t if self._build.unique_times else t[:0]  # between key states the prior is exact
-        between = state_times(inner, self._config.covariance_interval, start)
-        keys = solved[(solved > start) & (solved <= end)]
-        times = np.unique(np.concatenate([[start], between, keys]))
+        keys = self._keys.t[self._keys.t <= states.t[-1]]
+        known = keys if self._between is None else states.t
+        between = state_times(known[known > start], self._config.covariance_interval, start)
+        times = np.unique(np.concatenate([[start], between, keys[keys > start]]))
         if len(times) < 2:
             return CovarianceKnots()
         return CovarianceKnots(times, self._joint_covariances(times))

@@ -135,8 +135,9 @@ class WindowLandmarks:
 
 def merged_states(keys: States, between: StatesBetween | None, measured: Array) -> States:
     """Return key states and those at the measured times (N,) between them, in order of time."""
-    t = np.unique(measured)
-    t = t[(t > keys.t[0]) & (t < keys.t[-1])]
+    if len(keys) < 2:
+        return keys
+    t = np.unique(measured[(measured > keys.t[0]) & (measured < keys.t[-1])])
     if len(t) == 0:
         return keys
     before, after = bracket(keys.t, t)

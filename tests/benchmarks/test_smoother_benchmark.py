@@ -39,9 +39,11 @@ def test_reference_goes_on_without_tracks_and_with_late_ones() -> None:
     late = clusters[9][1].concatenate([clusters[1][1], clusters[9][1]])
     clusters[9] = clusters[9][0], late
     reference = ReferenceSmoother(simulation.camera, simulation.noise, 0.2, interval=0.03)
-    assert len(reference.update(0.0, nothing)) == 0
+    reference.update(0.0, nothing)
+    assert len(reference.states) == 0
     for cluster in clusters:
-        states = reference.update(*cluster)
+        reference.update(*cluster)
+    states = reference.states
     assert np.diff(states.t).max() <= 0.03
     assert position_errors(states, motion, states.t).max() < 0.1
 

@@ -52,12 +52,14 @@ def test_every_unique_time_is_a_state(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_update_returns_the_states_at_unique_times_in_the_window(method: str) -> None:
+def test_states_in_the_window_are_those_at_unique_times(method: str) -> None:
     """Of landmarks that are measured twice, once the window has moved on."""
     estimator, parts = make(method=method, window=4), tracklets(clusters=9)
-    assert len(estimator.update(PERIOD, NOTHING)) == 0
+    estimator.update(PERIOD, NOTHING)
+    assert len(estimator.states) == 0
     for number, part in enumerate(parts):
-        states = estimator.update((number + 1) * PERIOD, part)
+        estimator.update((number + 1) * PERIOD, part)
+        states = estimator.states
         known = Measurements.concatenate(parts[: number + 1])
         landmark, count = np.unique(known.landmark, return_counts=True)
         twice = known[np.isin(known.landmark, landmark[count >= 2])]
