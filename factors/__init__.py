@@ -2,6 +2,7 @@
 
 from factors import lie
 from factors.constant_velocity import EuclideanVelocityFactor, ReprojectionVelocityFactor
+from factors.factor import Factor, check_values, original
 from factors.interpolated_stereo import InterpolatedStereoFactor
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.linear_states import LinearStatesFactor
@@ -24,6 +25,7 @@ from factors.wnoa import (
 
 __all__ = [
     "EuclideanVelocityFactor",
+    "Factor",
     "InterpolatedState",
     "InterpolatedStereoFactor",
     "LandmarkPrior",
@@ -35,11 +37,13 @@ __all__ = [
     "StereoReprojectionFactor",
     "StructurelessStereoFactor",
     "WnoaPriorFactor",
+    "check_values",
     "extrapolate",
     "interpolate",
     "lie",
     "marginalize",
     "optimize",
+    "original",
     "wnoa_covariance",
     "wnoa_information",
     "wnoa_square_root_covariance",

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.kernels import Array
+from factors.kernels import Array, kernel
+
+Pose = ArrayLike | gtsam.Pose3
+"""A transform (4, 4), or GTSAM's."""
+Poses = Pose | Sequence[gtsam.Pose3]
+"""Transforms (..., 4, 4), or GTSAM's."""
+
+_ORTHONORMAL = 1e-5
+"""Largest error of RᵀR: much for rounding in single precision, little for an estimate."""
 
 
 def checked_array(name: str, array: ArrayLike, element: tuple[int, ...]) -> Array:
@@ -26,6 +37,46 @@ def checked_vector(name: str, vector: ArrayLike, size: int) -> Array:
     if checked.ndim != 1:
         raise ValueError(f"{name} must have the shape ({size},), not {checked.shape}")
     return checked
+
+
+def checked_poses(name: str, T: Poses) -> Array:
+    """Return transforms (..., 4, 4), each a rotation and a translation."""
+    if isinstance(T, gtsam.Pose3):
+        return np.ascontiguousarray(T.matrix())
+    if isinstance(T, list | tuple) and len(T) and isinstance(T[0], gtsam.Pose3):
+        T = [pose.matrix() for pose in T]
+    transforms = checked_array(name, T, (4, 4))  # type: ignore[arg-type]
+    if not _are_poses(transforms.reshape(-1, 4, 4)):
+        raise ValueError(f"{name} must be poses [R t; 0 1] with a rotation R: RᵀR = 1, det R = 1")
+    return transforms
+
+
+def checked_pose(name: str, T: Pose) -> Array:
+    """Return a transform (4, 4), a rotation and a translation."""
+    transform = checked_poses(name, T)
+    if transform.ndim != 2:
+        raise ValueError(f"{name} must have the shape (4, 4), not {transform.shape}")
+    return transform
+
+
+@kernel
+def _are_poses(T: Array) -> bool:
+    """Tell whether all transforms (n, 4, 4) are rotations and translations."""
+    for n in range(len(T)):
+        R = T[n]
+        for i in range(3):
+            for j in range(3):
+                product = R[0, i] * R[0, j] + R[1, i] * R[1, j] + R[2, i] * R[2, j]
+                if not abs(product - (1.0 if i == j else 0.0)) < _ORTHONORMAL:
+                    return False
+        minor = R[1, 1] * R[2, 2] - R[1, 2] * R[2, 1]
+        determinant = R[0, 0] * minor - R[1, 0] * (R[0, 1] * R[2, 2] - R[0, 2] * R[2, 1])
+        determinant += R[2, 0] * (R[0, 1] * R[1, 2] - R[0, 2] * R[1, 1])
+        if not determinant > 0:
+            return False
+        if not (R[3, 0] == 0 and R[3, 1] == 0 and R[3, 2] == 0 and R[3, 3] == 1):
+            return False
+    return True
 
 
 def checked_duration(dt: float) -> float:
@@ -62,3 +113,11 @@ def checked_noise(model: object, dimension: int) -> None:
         raise ValueError(f"model must be a GTSAM noise model, not {type(model).__name__}")
     if actual() != dimension:
         raise ValueError(f"model must have the dimension {dimension}, not {actual()}")
+
+
+def checked_finite_noise(model: object, dimension: int) -> None:
+    """Check a noise model as `checked_noise` does, and that no variance is zero."""
+    checked_noise(model, dimension)
+    gaussian = model.noise() if isinstance(model, gtsam.noiseModel.Robust) else model
+    if isinstance(gaussian, gtsam.noiseModel.Constrained):
+        raise ValueError("model must not be Constrained here: give small sigmas")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_duration, checked_noise, checked_vector
+from factors.factor import Factor
 from factors.kernels import (
     RIGHT,
     Array,
@@ -20,12 +21,18 @@ from factors.kernels import (
     se3_polynomial_kernel,
 )
 from factors.lie import skew
-from factors.stereo import StereoCamera, checked_measurement, reprojection_kernel
+from factors.stereo import (
+    Camera,
+    StereoCamera,
+    StereoMeasurement,
+    as_camera,
+    reprojection_kernel,
+    stereo_measurement,
+)
+from factors.variables import TWIST, Variable
 
 
-def EuclideanVelocityFactor(
-    measured: ArrayLike, model: gtsam.noiseModel.Base, velocity: int, point: ArrayLike, dt: float
-) -> gtsam.CustomFactor:
+class EuclideanVelocityFactor(Factor):
     """Motion of a point in the camera frame, to first order in dt: equation (fast_err_new).
 
     The error (1 - dt v^) point - measured is linear in the velocity, so that one step of
@@ -49,19 +56,33 @@ def EuclideanVelocityFactor(
     ValueError
         If a point is not three finite numbers or dt is not positive.
     """
-    checked_noise(model, 3)
-    start, dt = checked_vector("point", point, 3), checked_duration(dt)
-    offset = start - checked_vector("measured", measured, 3)
-    by_velocity = dt * np.hstack([skew(start), -np.eye(3)])
 
-    def error(
-        _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
-    ) -> Array:
-        if jacobians is not None:
-            jacobians[0] = by_velocity
-        return offset + by_velocity @ values.atVector(velocity)
+    measured: Array
+    point: Array
+    dt: float
 
-    return gtsam.CustomFactor(model, [velocity], error)
+    def __init__(
+        self,
+        measured: ArrayLike,
+        model: gtsam.noiseModel.Base,
+        velocity: int,
+        point: ArrayLike,
+        dt: float,
+    ) -> None:
+        checked_noise(model, 3)
+        start, dt = checked_vector("point", point, 3), checked_duration(dt)
+        end = checked_vector("measured", measured, 3)
+        offset, by_velocity = start - end, dt * np.hstack([skew(start), -np.eye(3)])
+
+        def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
+            difference: Array = offset + by_velocity @ values.atVector6(velocity)
+            if jacobians is not None:
+                jacobians[0] = by_velocity
+            return difference
+
+        made_of = {"measured": end, "model": model, "velocity": int(velocity), "point": start}
+        variables = [Variable("velocity", velocity, TWIST)]
+        super().__init__(model, variables, error, {**made_of, "dt": dt})
 
 
 @kernel
@@ -83,22 +104,16 @@ def _reprojection_kernel(
     return result
 
 
-def ReprojectionVelocityFactor(
-    measured: ArrayLike,
-    model: gtsam.noiseModel.Base,
-    velocity: int,
-    point: ArrayLike,
-    dt: float,
-    camera: StereoCamera,
-) -> gtsam.CustomFactor:
+class ReprojectionVelocityFactor(Factor):
     """Reprojection of a point of the earlier camera frame to the later one: equation (iter_err).
 
     Parameters
     ----------
     measured
-        (u_left, v, disparity) at the later time, in rectified pixels.
+        (u_left, v, disparity) at the later time, in rectified pixels; or gtsam.StereoPoint2.
     model
-        Noise model of dimension 3.
+        Noise model of dimension 3: of (u_left, v, disparity), or of (u_left, u_right, v) if
+        measured is a StereoPoint2.
     velocity
         Key of the body twist (6,), rotation first.
     point
@@ -114,18 +129,36 @@ def ReprojectionVelocityFactor(
         If the measurement or the point is not three finite numbers, the point is behind the
         camera, or dt is not positive.
     """
-    checked_noise(model, 3)
-    start, dt = checked_vector("point", point, 3), checked_duration(dt)
-    if start[2] <= 0:
-        raise ValueError(f"point must be in front of the camera, not {start}")
-    measurement, parameters = checked_measurement(measured), camera.parameters
 
-    def error(
-        _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
-    ) -> Array:
-        result = _reprojection_kernel(values.atVector(velocity), start, dt, measurement, parameters)
-        if jacobians is not None:
-            jacobians[0] = result[:, :6]
-        return result[:, 6]
+    measured: Array
+    point: Array
+    dt: float
+    camera: StereoCamera
 
-    return gtsam.CustomFactor(model, [velocity], error)
+    def __init__(
+        self,
+        measured: StereoMeasurement,
+        model: gtsam.noiseModel.Base,
+        velocity: int,
+        point: ArrayLike,
+        dt: float,
+        camera: Camera,
+    ) -> None:
+        measurement, noise = stereo_measurement(measured, model)
+        start, dt = checked_vector("point", point, 3), checked_duration(dt)
+        if start[2] <= 0:
+            raise ValueError(f"point must be in front of the camera, not {start}")
+        camera = as_camera(camera)
+        parameters = camera.parameters
+
+        def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
+            v = values.atVector6(velocity)
+            result = _reprojection_kernel(v, start, dt, measurement, parameters)
+            if jacobians is not None:
+                jacobians[0] = result[:, :6]
+            return result[:, 6]
+
+        made_of = {"measured": measurement, "model": noise, "velocity": int(velocity)}
+        variables = [Variable("velocity", velocity, TWIST)]
+        arguments = {**made_of, "point": start, "dt": dt, "camera": camera}
+        super().__init__(noise, variables, error, arguments)

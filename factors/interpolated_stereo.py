@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any, overload
+
 import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import checked_noise, power_spectral_density
+from factors.checks import Pose, checked_pose, power_spectral_density
+from factors.factor import Factor
 from factors.jacobian_blocks import JacobianBlocks
 from factors.kernels import (
     EXACT,
@@ -21,7 +24,25 @@ from factors.kernels import (
     row_major_kernel,
     rows_by_states_kernel,
 )
-from factors.stereo import StereoCamera, checked_measurement, reprojection_kernel
+from factors.lie import se3_adjoint, se3_inverse
+from factors.stereo import (
+    Camera,
+    StereoCamera,
+    StereoMeasurement,
+    as_camera,
+    reprojection_kernel,
+    stereo_measurement,
+)
+from factors.variables import (
+    POINT3,
+    POSE3,
+    TWIST,
+    State,
+    Variable,
+    are_states,
+    as_state,
+    checked_time_between,
+)
 
 _BLOCKS = JacobianBlocks(3, (6, 6, 6, 6, 3))
 
@@ -32,11 +53,10 @@ def _linearized_kernel(
     v_i: Array,
     T_j: Array,
     v_j: Array,
-    a: float,
-    b: float,
     landmark: Array,
-    measured: Array,
-    camera: Array,
+    constants: Array,
+    T_body_cam: Array,
+    by_body: Array,
     derivatives: bool,
     error: Array,
     by_T_i: Array,
@@ -45,97 +65,196 @@ def _linearized_kernel(
     by_v_j: Array,
     by_landmark: Array,
 ) -> None:
-    """Write the error (3,) and its Jacobians with respect to states (3, 6) and landmark (3, 3)."""
+    """Write the error (3,) and its Jacobians with respect to states (3, 6) and landmark (3, 3).
+
+    The constants (10,) are the seconds after state i and before state j, the measurement and the
+    intrinsics; `by_body` (6, 6) is the Jacobian of the camera's pose with respect to the body's.
+    """
     T_i = row_major_kernel(T_i)
-    weights = hermite_weights(a, b)
+    weights = hermite_weights(constants[0], constants[1])
     local_j = local_state_kernel(T_i, row_major_kernel(T_j), v_j)
     local = interpolated_local_kernel(v_i, local_j, weights)
-    T, v = np.empty((4, 4)), np.empty(6)
+    T, v, T_world_cam = np.empty((4, 4)), np.empty(6), np.zeros((4, 4))
     retract_kernel(T_i, local, T, v)
-    stereo = reprojection_kernel(T, landmark, measured, camera)
+    for i in range(4):
+        for k in range(4):
+            for j in range(4):
+                T_world_cam[i, j] += T[i, k] * T_body_cam[k, j]
+    stereo = reprojection_kernel(T_world_cam, landmark, constants[2:5], constants[5:10])
     for i in range(3):
         error[i] = stereo[i, 9]
     if derivatives:
+        rows = np.zeros((3, 6))
+        for i in range(3):
+            for k in range(6):
+                for j in range(6):
+                    rows[i, j] += stereo[i, k] * by_body[k, j]
         by_states_j = local_jacobian_kernel(local_j, v_j, EXACT)
-        first = len(stereo) - 3
-        rows = rows_by_states_kernel(stereo, first, local, by_states_j, weights)
-        copy_columns_kernel(rows, 0.0, by_T_i)
-        copy_columns_kernel(rows, 6.0, by_v_i)
-        copy_columns_kernel(rows, 12.0, by_T_j)
-        copy_columns_kernel(rows, 18.0, by_v_j)
+        by_states = rows_by_states_kernel(rows, 0, local, by_states_j, weights)
+        copy_columns_kernel(by_states, 0.0, by_T_i)
+        copy_columns_kernel(by_states, 6.0, by_v_i)
+        copy_columns_kernel(by_states, 12.0, by_T_j)
+        copy_columns_kernel(by_states, 18.0, by_v_j)
         copy_columns_kernel(stereo, 6.0, by_landmark)
 
 
-def InterpolatedStereoFactor(
-    measured: ArrayLike,
+class InterpolatedStereoFactor(Factor):
+    """Stereo measurement of a landmark at a time t between two states.
+
+    It takes either the states, `InterpolatedStereoFactor(measured, model, state_i, state_j,
+    landmark, camera, t)`, or their keys and times, `InterpolatedStereoFactor(measured, model,
+    pose_i, velocity_i, pose_j, velocity_j, landmark, camera, t_i, t_j, t)`.
+
+    Parameters
+    ----------
+    measured
+        (u_left, v, disparity) in rectified pixels; or gtsam.StereoPoint2.
+    model
+        Noise model of dimension 3, which may be robust: of (u_left, v, disparity), or of (u_left,
+        u_right, v) if measured is a StereoPoint2.
+    state_i, state_j
+        gtsam.StateData, or tuples (pose key, velocity key, seconds): Pose3 T_world_body and body
+        twists (6,), rotation first.
+    landmark
+        Key of a Point3 in the world.
+    camera
+        Intrinsics of the rectified pair; or gtsam.Cal3_S2Stereo.
+    t
+        Seconds, t_i <= t <= t_j and t_i < t_j.
+    qc
+        Power spectral density, which is only checked. The mean between two states does not depend
+        on it, because it cancels in the product of Q(t) and the inverse of Q(t_j).
+    T_body_cam
+        (4, 4) pose of the left camera in the body, or gtsam.Pose3; by default they are the same.
+
+    Raises
+    ------
+    ValueError
+        If the times are out of order, the measurement is not three finite numbers, the disparity is
+        not positive, or the noise model has another dimension; and see `Factor`.
+    """
+
+    measured: Array
+    camera: StereoCamera
+    t: float
+
+    @overload
+    def __init__(
+        self,
+        measured: StereoMeasurement,
+        model: gtsam.noiseModel.Base,
+        state_i: State,
+        state_j: State,
+        landmark: int,
+        camera: Camera,
+        t: float,
+        qc: ArrayLike | None = None,
+        T_body_cam: Pose | None = None,
+    ) -> None: ...
+
+    @overload
+    def __init__(
+        self,
+        measured: StereoMeasurement,
+        model: gtsam.noiseModel.Base,
+        pose_i: int,
+        velocity_i: int,
+        pose_j: int,
+        velocity_j: int,
+        landmark: int,
+        camera: Camera,
+        t_i: float,
+        t_j: float,
+        t: float,
+        qc: ArrayLike | None = None,
+        T_body_cam: Pose | None = None,
+    ) -> None: ...
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        states = are_states(args, kwargs, place=2)
+        made_of = (_by_states if states else _by_keys)(*args, **kwargs)
+        (pose_i, velocity_i, t_i), (pose_j, velocity_j, t_j) = (
+            made_of["state_i"],
+            made_of["state_j"],
+        )
+        landmark, t, T = made_of["landmark"], made_of["t"], made_of["T_body_cam"]
+        T_body_cam = np.eye(4) if T is None else T
+        by_body = se3_adjoint(se3_inverse(T_body_cam))
+        constants = np.r_[t - t_i, t_j - t, made_of["measured"], made_of["camera"].parameters]
+
+        def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
+            difference = np.empty(3)
+            with _BLOCKS.lock:
+                _linearized_kernel(
+                    values.atPose3(pose_i).matrix(),
+                    values.atVector6(velocity_i),
+                    values.atPose3(pose_j).matrix(),
+                    values.atVector6(velocity_j),
+                    values.atPoint3(landmark),
+                    constants,
+                    T_body_cam,
+                    by_body,
+                    jacobians is not None,
+                    difference,
+                    *_BLOCKS.views,
+                )
+                if jacobians is not None:
+                    _BLOCKS.copy_to(jacobians)
+            return difference
+
+        variables = [
+            Variable("pose_i", pose_i, POSE3),
+            Variable("velocity_i", velocity_i, TWIST),
+            Variable("pose_j", pose_j, POSE3),
+            Variable("velocity_j", velocity_j, TWIST),
+            Variable("landmark", landmark, POINT3),
+        ]
+        super().__init__(made_of["model"], variables, error, made_of)
+
+
+def _by_states(
+    measured: StereoMeasurement,
+    model: gtsam.noiseModel.Base,
+    state_i: State,
+    state_j: State,
+    landmark: int,
+    camera: Camera,
+    t: float,
+    qc: ArrayLike | None = None,
+    T_body_cam: Pose | None = None,
+) -> dict[str, Any]:
+    """Check and name the arguments of a factor between states."""
+    if qc is not None:
+        power_spectral_density(qc)
+    measurement, noise = stereo_measurement(measured, model)
+    states = as_state("state_i", state_i), as_state("state_j", state_j)
+    return {
+        "measured": measurement,
+        "model": noise,
+        "state_i": states[0],
+        "state_j": states[1],
+        "landmark": int(landmark),
+        "camera": as_camera(camera),
+        "t": checked_time_between(t, *states),
+        "T_body_cam": None if T_body_cam is None else checked_pose("T_body_cam", T_body_cam),
+    }
+
+
+def _by_keys(
+    measured: StereoMeasurement,
     model: gtsam.noiseModel.Base,
     pose_i: int,
     velocity_i: int,
     pose_j: int,
     velocity_j: int,
     landmark: int,
-    camera: StereoCamera,
+    camera: Camera,
     t_i: float,
     t_j: float,
     t: float,
     qc: ArrayLike | None = None,
-) -> gtsam.CustomFactor:
-    """Stereo measurement of a landmark at a time t between two states.
-
-    Parameters
-    ----------
-    measured
-        (u_left, v, disparity) in rectified pixels.
-    model
-        Noise model of dimension 3, which may be robust.
-    pose_i, velocity_i, pose_j, velocity_j
-        Keys of the states at t_i and t_j: Pose3 T_world_cam and body twists (6,), rotation first.
-    landmark
-        Key of a Point3 in the world.
-    camera
-        Intrinsics of the rectified pair.
-    t_i, t_j, t
-        Seconds, t_i <= t <= t_j and t_i < t_j.
-    qc
-        Power spectral density, which is only checked. The mean between two states does not depend
-        on it, because it cancels in the product of Q(t) and the inverse of Q(t_j).
-
-    Raises
-    ------
-    ValueError
-        If the times are out of order, the measurement is not three finite numbers, the disparity is
-        not positive, or the noise model has another dimension.
-    """
-    if not (t_i < t_j and t_i <= t <= t_j):
-        raise ValueError(f"t = {t} must lie between t_i = {t_i} and t_j = {t_j}")
-    if qc is not None:
-        power_spectral_density(qc)
-    checked_noise(model, 3)
-    a, b = float(t - t_i), float(t_j - t)
-    measurement, parameters = checked_measurement(measured), camera.parameters
-
-    def error(
-        _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: gtsam.JacobianVector | None
-    ) -> Array:
-        difference = np.empty(3)
-        with _BLOCKS.lock:
-            _linearized_kernel(
-                values.atPose3(pose_i).matrix(),
-                values.atVector(velocity_i),
-                values.atPose3(pose_j).matrix(),
-                values.atVector(velocity_j),
-                a,
-                b,
-                values.atPoint3(landmark),
-                measurement,
-                parameters,
-                jacobians is not None,
-                difference,
-                *_BLOCKS.views,
-            )
-            if jacobians is not None:
-                _BLOCKS.copy_to(jacobians)
-        return difference
-
-    keys = [pose_i, velocity_i, pose_j, velocity_j, landmark]
-    return gtsam.CustomFactor(model, keys, error)
+    T_body_cam: Pose | None = None,
+) -> dict[str, Any]:
+    """Check and name the arguments of a factor between keys."""
+    states = (pose_i, velocity_i, t_i), (pose_j, velocity_j, t_j)
+    return _by_states(measured, model, *states, landmark, camera, t, qc, T_body_cam)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import checked_array, power_spectral_density
+from factors.checks import Poses, checked_array, checked_poses, power_spectral_density
 from factors.kernels import (
     EXACT,
     Array,
@@ -35,9 +35,9 @@ class InterpolatedState(NamedTuple):
 
 
 def interpolate(
-    T_i: ArrayLike,
+    T_i: Poses,
     v_i: ArrayLike,
-    T_j: ArrayLike,
+    T_j: Poses,
     v_j: ArrayLike,
     t_i: ArrayLike,
     t_j: ArrayLike,
@@ -50,7 +50,7 @@ def interpolate(
     Parameters
     ----------
     T_i, T_j
-        (..., 4, 4) poses T_world_body.
+        (..., 4, 4) poses T_world_body, or gtsam.Pose3.
     v_i, v_j
         (..., 6) body twists, rotation first.
     t_i, t_j, t
@@ -74,7 +74,7 @@ def interpolate(
         If an argument has another shape or is not finite, the times are out of order, or a
         covariance is given without qc or is not positive semidefinite.
     """
-    T_i, T_j = checked_array("T_i", T_i, (4, 4)), checked_array("T_j", T_j, (4, 4))
+    T_i, T_j = checked_poses("T_i", T_i), checked_poses("T_j", T_j)
     v_i, v_j = checked_array("v_i", v_i, (6,)), checked_array("v_j", v_j, (6,))
     t_i, t_j, t = (np.asarray(x, np.float64) for x in (t_i, t_j, t))
     shapes = T_i.shape[:-2], v_i.shape[:-1], T_j.shape[:-2], v_j.shape[:-1]
@@ -186,7 +186,7 @@ def _spread(array: Array, batch: tuple[int, ...], element: tuple[int, ...]) -> A
 
 
 def extrapolate(
-    T_i: ArrayLike,
+    T_i: Poses,
     v_i: ArrayLike,
     dt: ArrayLike,
     qc: ArrayLike | None = None,
@@ -197,7 +197,7 @@ def extrapolate(
     Parameters
     ----------
     T_i, v_i
-        (..., 4, 4) pose T_world_body and (..., 6) body twist.
+        (..., 4, 4) pose T_world_body, or gtsam.Pose3, and (..., 6) body twist.
     dt
         (...) seconds.
     qc
@@ -211,7 +211,7 @@ def extrapolate(
         If an argument has another shape or is not finite, or a covariance is given without qc or
         is not positive semidefinite.
     """
-    T_i, v_i = checked_array("T_i", T_i, (4, 4)), checked_array("v_i", v_i, (6,))
+    T_i, v_i = checked_poses("T_i", T_i), checked_array("v_i", v_i, (6,))
     dt = checked_array("dt", dt, ())
     batch = np.broadcast_shapes(dt.shape, T_i.shape[:-2], v_i.shape[:-1])
     T_i, v_i, dt = _spread(T_i, batch, (4, 4)), _spread(v_i, batch, (6,)), _spread(dt, batch, ())

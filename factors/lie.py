@@ -1,7 +1,8 @@
 """SE(3) in closed form, exact from zero to pi: exponential, logarithm, adjoints, Jacobians.
 
-Twists are (rotation, translation), shape (..., 6); transforms are (..., 4, 4); leading axes are
-batches. Barfoot, "State Estimation for Robotics", chapter 7, with the halves of a twist swapped.
+Twists are (rotation, translation), shape (..., 6); transforms are (..., 4, 4), or gtsam.Pose3;
+leading axes are batches. Barfoot, "State Estimation for Robotics", chapter 7, with the halves of a
+twist swapped.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import checked_array
+from factors.checks import Poses, checked_array, checked_poses
 from factors.kernels import (
     LEFT,
     Array,
@@ -47,9 +48,9 @@ def _exp_batch(twists: Array, transforms: Array) -> None:
         copy_kernel(exp_kernel(twists[n]), transforms[n])
 
 
-def se3_log(T: ArrayLike) -> Array:
+def se3_log(T: Poses) -> Array:
     """Compute the twists (..., 6) of transforms (..., 4, 4), rotation angle at most pi."""
-    transforms = checked_array("T", T, (4, 4))
+    transforms = checked_poses("T", T)
     twists = np.empty((*transforms.shape[:-2], 6))
     _log_batch(transforms.reshape(-1, 4, 4), twists.reshape(-1, 6))
     return twists
@@ -63,9 +64,9 @@ def _log_batch(transforms: Array, twists: Array) -> None:
             twists[n, i] = xi[i]
 
 
-def se3_inverse(T: ArrayLike) -> Array:
+def se3_inverse(T: Poses) -> Array:
     """Invert transforms (..., 4, 4)."""
-    T = checked_array("T", T, (4, 4))
+    T = checked_poses("T", T)
     inverse = np.zeros_like(T)
     inverse[..., :3, :3] = np.swapaxes(T[..., :3, :3], -1, -2)
     inverse[..., :3, 3:] = -inverse[..., :3, :3] @ T[..., :3, 3:]
@@ -73,9 +74,9 @@ def se3_inverse(T: ArrayLike) -> Array:
     return inverse
 
 
-def se3_adjoint(T: ArrayLike) -> Array:
+def se3_adjoint(T: Poses) -> Array:
     """Compute the adjoints (..., 6, 6) of transforms (..., 4, 4)."""
-    T = checked_array("T", T, (4, 4))
+    T = checked_poses("T", T)
     rotation = T[..., :3, :3]
     return _lower_triangular(rotation, skew(T[..., :3, 3]) @ rotation)
 

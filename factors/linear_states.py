@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
+from factors.factor import Factor
 from factors.kernels import Array
 from factors.lie import se3_inverse, se3_log
+from factors.variables import POSE3, TWIST, Variable
 
 
-class LinearStatesFactor(gtsam.CustomFactor):
+class LinearStatesFactor(Factor):
     """Errors that are linear in how far states have moved: J dx + e ~ N(0, 1).
 
     Parameters
@@ -30,17 +32,24 @@ class LinearStatesFactor(gtsam.CustomFactor):
     """
 
     def __init__(self, keys: Sequence[int], T_states: Array, v_states: Array, rows: Array) -> None:
-        T_inverse, v_states = se3_inverse(T_states), v_states.copy()
+        keys = [int(key) for key in keys]
+        T_inverse, v_states, rows = se3_inverse(T_states), np.array(v_states), np.array(rows)
+        if not (len(keys) == 2 * len(T_inverse) == 2 * len(v_states) and rows.ndim == 2):
+            raise ValueError(f"keys must be two for each of {len(T_inverse)} states")
+        if rows.shape[1] != 6 * len(keys) + 1:
+            raise ValueError(f"rows must have {6 * len(keys) + 1} columns, not {rows.shape[1]}")
 
-        def error(
-            _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
-        ) -> Array:
+        def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
             T = np.array([values.atPose3(key).matrix() for key in keys[::2]])
-            v = np.array([values.atVector(key) for key in keys[1::2]])
+            v = np.array([values.atVector6(key) for key in keys[1::2]])
             moved = np.hstack([se3_log(T_inverse @ T), v - v_states]).ravel()
             if jacobians is not None:
                 for block in range(len(keys)):
                     jacobians[block] = rows[:, 6 * block : 6 * block + 6]
             return rows[:, :-1] @ moved + rows[:, -1]
 
-        super().__init__(gtsam.noiseModel.Unit.Create(len(rows)), list(keys), error)
+        variables = [
+            Variable(f"keys[{n}]", key, TWIST if n % 2 else POSE3) for n, key in enumerate(keys)
+        ]
+        made_of = {"keys": keys, "T_states": T_states, "v_states": v_states, "rows": rows}
+        super().__init__(gtsam.noiseModel.Unit.Create(len(rows)), variables, error, made_of)

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import checked_noise, checked_vector
-from factors.jacobian_blocks import JacobianBlocks
-from factors.kernels import Array, copy_columns_kernel, kernel, row_major_kernel
+from factors.checks import Pose, checked_finite_noise, checked_noise, checked_pose, checked_vector
+from factors.factor import Described
+from factors.kernels import Array, kernel
+from factors.variables import POINT3, POSE3, Variable, checked_keys
 
-_BLOCKS = JacobianBlocks(3, (6, 3))
+StereoMeasurement = ArrayLike | gtsam.StereoPoint2
+"""(u_left, v, disparity), or GTSAM's (u_left, u_right, v)."""
+
+_TO_GTSAM = np.array([[1.0, 0, 0], [1, 0, -1], [0, 1, 0]])
+"""Turns (u_left, v, disparity) into (u_left, u_right, v)."""
+_TO_OURS = np.linalg.inv(_TO_GTSAM)
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,24 @@ class StereoCamera:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
         if not np.isfinite([self.cx, self.cy]).all():
             raise ValueError(f"cx and cy must be finite, not {self.cx} and {self.cy}")
+
+    @classmethod
+    def from_gtsam(cls, calibration: gtsam.Cal3_S2Stereo) -> StereoCamera:
+        """Make a camera of GTSAM's calibration.
+
+        Raises
+        ------
+        ValueError
+            If it has skew: pixels of a rectified pair have none.
+        """
+        K = calibration.K()
+        if K[0, 1] != 0:
+            raise ValueError(f"calibration must have no skew, not {K[0, 1]}: rectify the images")
+        return cls(K[0, 0], K[1, 1], K[0, 2], K[1, 2], calibration.baseline())
+
+    def to_gtsam(self) -> gtsam.Cal3_S2Stereo:
+        """Return GTSAM's calibration of the same camera."""
+        return gtsam.Cal3_S2Stereo(self.fx, self.fy, 0.0, self.cx, self.cy, self.baseline)
 
     @property
     def parameters(self) -> Array:
@@ -69,6 +94,24 @@ class StereoCamera:
         u, v, disparity = np.moveaxis(np.asarray(measurements, np.float64), -1, 0)
         inverse = disparity / (self.fx * self.baseline)
         return np.stack([(u - self.cx) / self.fx, (v - self.cy) / self.fy, inverse], axis=-1)
+
+
+Camera = StereoCamera | gtsam.Cal3_S2Stereo
+
+
+def as_camera(camera: Camera) -> StereoCamera:
+    """Return a camera of ours.
+
+    Raises
+    ------
+    ValueError
+        If it is neither a StereoCamera nor a gtsam.Cal3_S2Stereo.
+    """
+    if isinstance(camera, gtsam.Cal3_S2Stereo):
+        return StereoCamera.from_gtsam(camera)
+    if not isinstance(camera, StereoCamera):
+        raise ValueError(f"camera must be a StereoCamera, not {type(camera).__name__}")
+    return camera
 
 
 @kernel
@@ -107,24 +150,6 @@ def reprojection_kernel(T: Array, landmark: Array, measured: Array, camera: Arra
     return result
 
 
-@kernel
-def _stereo_kernel(
-    T: Array,
-    landmark: Array,
-    measured: Array,
-    camera: Array,
-    error: Array,
-    by_pose: Array,
-    by_landmark: Array,
-) -> None:
-    """Write the error (3,) and its Jacobians with respect to pose (3, 6) and landmark (3, 3)."""
-    result = reprojection_kernel(row_major_kernel(T), landmark, measured, camera)
-    copy_columns_kernel(result, 0.0, by_pose)
-    copy_columns_kernel(result, 6.0, by_landmark)
-    for i in range(3):
-        error[i] = result[i, 9]
-
-
 def checked_measurement(measured: ArrayLike) -> Array:
     """Check that (u_left, v, disparity) is finite with positive disparity; return it as (3,)."""
     measurement = checked_vector("measured", measured, 3)
@@ -133,50 +158,109 @@ def checked_measurement(measured: ArrayLike) -> Array:
     return measurement
 
 
-def StereoReprojectionFactor(
-    measured: ArrayLike,
-    model: gtsam.noiseModel.Base,
-    pose: int,
-    landmark: int,
-    camera: StereoCamera,
-) -> gtsam.CustomFactor:
-    """Stereo measurement of a landmark, equation (meas_err) with error = prediction - measurement.
+def stereo_measurement(
+    measured: StereoMeasurement, model: gtsam.noiseModel.Base
+) -> tuple[Array, gtsam.noiseModel.Base]:
+    """Check a measurement and its noise model; return it as (u_left, v, disparity), (3,).
 
-    Parameters
-    ----------
-    measured
-        (u_left, v, disparity) in rectified pixels.
-    model
-        Noise model of dimension 3, which may be robust.
-    pose, landmark
-        Keys of a Pose3 T_world_cam and of a Point3 in the world.
-    camera
-        Intrinsics of the rectified pair.
+    The noise of a gtsam.StereoPoint2 is that of (u_left, u_right, v), and is converted.
+    """
+    checked_noise(model, 3)
+    if not isinstance(measured, gtsam.StereoPoint2):
+        return checked_measurement(measured), model
+    u_left, u_right, v = measured.uL(), measured.uR(), measured.v()
+    return checked_measurement([u_left, v, u_left - u_right]), _mixed_noise(model, False)
+
+
+@lru_cache(
+    maxsize=256
+)  # factors share their noise models, and making one takes longer than a factor
+def _mixed_noise(model: gtsam.noiseModel.Base, to_gtsam: bool) -> gtsam.noiseModel.Base:
+    """Return the noise of GTSAM's measurement from that of ours, or the other way round.
 
     Raises
     ------
     ValueError
-        If the measurement is not three finite numbers, the disparity is not positive, or the noise
-        model has another dimension.
+        If the model is Constrained.
     """
-    checked_noise(model, 3)
-    measurement, parameters = checked_measurement(measured), camera.parameters
+    checked_finite_noise(model, 3)
+    if isinstance(model, gtsam.noiseModel.Robust):
+        return gtsam.noiseModel.Robust.Create(model.robust(), _mixed_noise(model.noise(), to_gtsam))
+    root = model.Whiten(np.eye(3))
+    information = root @ (_TO_OURS if to_gtsam else _TO_GTSAM)
+    return gtsam.noiseModel.Gaussian.SqrtInformation(np.linalg.qr(information, mode="r"), False)
 
-    def error(
-        _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: gtsam.JacobianVector | None
-    ) -> Array:
-        difference = np.empty(3)
-        with _BLOCKS.lock:
-            _stereo_kernel(
-                values.atPose3(pose).matrix(),
-                values.atPoint3(landmark),
-                measurement,
-                parameters,
-                difference,
-                *_BLOCKS.views,
-            )
-            if jacobians is not None:
-                _BLOCKS.copy_to(jacobians)
-        return difference
 
-    return gtsam.CustomFactor(model, [pose, landmark], error)
+class StereoReprojectionFactor(Described, gtsam.GenericStereoFactor3D):
+    """Stereo measurement of a landmark, equation (meas_err) with error = prediction - measurement.
+
+    It is GTSAM's own factor of the same measurement, and just as fast. GTSAM measures (u_left,
+    u_right, v): the noise model is converted, and `unwhitenedError` is in that order.
+
+    Parameters
+    ----------
+    measured
+        (u_left, v, disparity) in rectified pixels; or gtsam.StereoPoint2.
+    model
+        Noise model of dimension 3, which may be robust: of (u_left, v, disparity), or of (u_left,
+        u_right, v) if measured is a StereoPoint2.
+    pose, landmark
+        Keys of a Pose3 T_world_body and of a Point3 in the world.
+    camera
+        Intrinsics of the rectified pair; or gtsam.Cal3_S2Stereo.
+    T_body_cam
+        (4, 4) pose of the left camera in the body, or gtsam.Pose3; by default they are the same.
+
+    Raises
+    ------
+    ValueError
+        If the measurement is not three finite numbers, the disparity is not positive, the noise
+        model has another dimension or is Constrained, or the keys are the same.
+
+    Notes
+    -----
+    Behind the camera the error is GTSAM's large constant and the Jacobian is zero.
+    """
+
+    camera: StereoCamera
+
+    @property
+    def measured(self) -> Array:  # type: ignore[override]
+        """The measurement (u_left, v, disparity), (3,)."""
+        measured: Array = self._made_of["measured"]
+        return measured
+
+    def __init__(
+        self,
+        measured: StereoMeasurement,
+        model: gtsam.noiseModel.Base,
+        pose: int,
+        landmark: int,
+        camera: Camera,
+        T_body_cam: Pose | None = None,
+    ) -> None:
+        measurement, noise = stereo_measurement(measured, model)
+        camera = as_camera(camera)
+        checked_keys([Variable("pose", pose, POSE3), Variable("landmark", landmark, POINT3)])
+        T = np.eye(4) if T_body_cam is None else checked_pose("T_body_cam", T_body_cam)
+        self._describe(
+            {
+                "measured": measurement,
+                "model": noise,
+                "pose": int(pose),
+                "landmark": int(landmark),
+                "camera": camera,
+                "T_body_cam": None if T_body_cam is None else T,
+            }
+        )
+        u_left, v, disparity = measurement
+        super().__init__(
+            gtsam.StereoPoint2(u_left, u_left - disparity, v),
+            _mixed_noise(noise, True),
+            pose,
+            landmark,
+            camera.to_gtsam(),
+            False,
+            False,
+            gtsam.Pose3(T),
+        )

@@ -7,11 +7,20 @@ error is e = [xi - dt v_i, Jr(xi)^-1 v_j - v_i].
 
 from __future__ import annotations
 
+from typing import Any, overload
+
 import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import checked_duration, power_spectral_density
+from factors.checks import (
+    Pose,
+    checked_duration,
+    checked_pose,
+    checked_vector,
+    power_spectral_density,
+)
+from factors.factor import Factor
 from factors.jacobian_blocks import JacobianBlocks
 from factors.kernels import (
     EXACT,
@@ -25,6 +34,7 @@ from factors.kernels import (
     local_state_kernel,
     row_major_kernel,
 )
+from factors.variables import POSE3, TWIST, State, Variable, are_states, as_state
 
 _BLOCKS = JacobianBlocks(12, (6, 6, 6, 6))
 
@@ -94,15 +104,15 @@ def wnoa_kernel(
 
 
 def wnoa_error(
-    T_i: ArrayLike, v_i: ArrayLike, T_j: ArrayLike, v_j: ArrayLike, dt: float
+    T_i: Pose, v_i: ArrayLike, T_j: Pose, v_j: ArrayLike, dt: float
 ) -> tuple[Array, Array]:
     """Compute the error (12,) of the prior and its exact Jacobian (12, 24).
 
     The Jacobian is with respect to T_i, v_i, T_j, v_j.
     """
-    T_i, v_i, T_j, v_j = (np.ascontiguousarray(x, np.float64) for x in (T_i, v_i, T_j, v_j))
-    dt = checked_duration(dt)
-    result = wnoa_kernel(T_i, v_i, T_j, v_j, dt, True, EXACT)
+    T_i, T_j = checked_pose("T_i", T_i), checked_pose("T_j", T_j)
+    v_i, v_j = checked_vector("v_i", v_i, 6), checked_vector("v_j", v_j, 6)
+    result = wnoa_kernel(T_i, v_i, T_j, v_j, checked_duration(dt), True, EXACT)
     return result[:, 24], result[:, :24]
 
 
@@ -162,16 +172,11 @@ def _whitened_block(W: Array, block: Array) -> Array:
     return product
 
 
-def WnoaPriorFactor(
-    pose_i: int,
-    velocity_i: int,
-    pose_j: int,
-    velocity_j: int,
-    dt: float,
-    qc: ArrayLike,
-    approximate_jacobians: bool = False,
-) -> gtsam.CustomFactor:
+class WnoaPriorFactor(Factor):
     """Motion prior between the states (pose, velocity) at two times that are dt seconds apart.
+
+    It takes either the keys, `WnoaPriorFactor(pose_i, velocity_i, pose_j, velocity_j, dt, qc)`, or
+    the states, `WnoaPriorFactor(state_i, state_j, qc)`.
 
     Parameters
     ----------
@@ -179,6 +184,8 @@ def WnoaPriorFactor(
         Keys of Pose3 T_world_body and of the body twists (6,), rotation first.
     dt
         Seconds from i to j, positive.
+    state_i, state_j
+        Instead of these: gtsam.StateData, or tuples (pose key, velocity key, seconds).
     qc
         Power spectral density of the white noise on acceleration: diagonal (6,) or (6, 6).
     approximate_jacobians
@@ -192,33 +199,92 @@ def WnoaPriorFactor(
     Raises
     ------
     ValueError
-        If dt is not positive or qc is not positive definite.
+        If dt is not positive or qc is not positive definite; and see `Factor`.
     """
-    dt, W = checked_duration(dt), np.ascontiguousarray(whitening(qc))
-    root = information_root(dt)
-    higher = FIRST_ORDER if approximate_jacobians else EXACT
 
-    def error(
-        _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: gtsam.JacobianVector | None
-    ) -> Array:
-        whitened = np.empty(12)
-        with _BLOCKS.lock:
-            _whitened_kernel(
-                values.atPose3(pose_i).matrix(),
-                values.atVector(velocity_i),
-                values.atPose3(pose_j).matrix(),
-                values.atVector(velocity_j),
-                dt,
-                root,
-                W,
-                higher,
-                jacobians is not None,
-                whitened,
-                *_BLOCKS.views,
-            )
-            if jacobians is not None:
-                _BLOCKS.copy_to(jacobians)
-        return whitened
+    dt: float
+    qc: Array
 
-    keys = [pose_i, velocity_i, pose_j, velocity_j]
-    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(12), keys, error)
+    @overload
+    def __init__(
+        self,
+        pose_i: int,
+        velocity_i: int,
+        pose_j: int,
+        velocity_j: int,
+        dt: float,
+        qc: ArrayLike,
+        approximate_jacobians: bool = False,
+    ) -> None: ...
+
+    @overload
+    def __init__(
+        self, state_i: State, state_j: State, qc: ArrayLike, approximate_jacobians: bool = False
+    ) -> None: ...
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        made_of = (_by_states if are_states(args, kwargs) else _by_keys)(*args, **kwargs)
+        pose_i, velocity_i, pose_j, velocity_j, dt, qc, approximate_jacobians = made_of.values()
+        W, root = np.ascontiguousarray(whitening(qc)), information_root(dt)
+        higher = FIRST_ORDER if approximate_jacobians else EXACT
+
+        def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
+            whitened = np.empty(12)
+            with _BLOCKS.lock:
+                _whitened_kernel(
+                    values.atPose3(pose_i).matrix(),
+                    values.atVector6(velocity_i),
+                    values.atPose3(pose_j).matrix(),
+                    values.atVector6(velocity_j),
+                    dt,
+                    root,
+                    W,
+                    higher,
+                    jacobians is not None,
+                    whitened,
+                    *_BLOCKS.views,
+                )
+                if jacobians is not None:
+                    _BLOCKS.copy_to(jacobians)
+            return whitened
+
+        variables = [
+            Variable("pose_i", pose_i, POSE3),
+            Variable("velocity_i", velocity_i, TWIST),
+            Variable("pose_j", pose_j, POSE3),
+            Variable("velocity_j", velocity_j, TWIST),
+        ]
+        super().__init__(gtsam.noiseModel.Unit.Create(12), variables, error, made_of)
+
+
+def _by_keys(
+    pose_i: int,
+    velocity_i: int,
+    pose_j: int,
+    velocity_j: int,
+    dt: float,
+    qc: ArrayLike,
+    approximate_jacobians: bool = False,
+) -> dict[str, Any]:
+    """Check and name the arguments of a prior between keys."""
+    return {
+        "pose_i": int(pose_i),
+        "velocity_i": int(velocity_i),
+        "pose_j": int(pose_j),
+        "velocity_j": int(velocity_j),
+        "dt": checked_duration(dt),
+        "qc": np.array(qc, np.float64),
+        "approximate_jacobians": bool(approximate_jacobians),
+    }
+
+
+def _by_states(
+    state_i: State, state_j: State, qc: ArrayLike, approximate_jacobians: bool = False
+) -> dict[str, Any]:
+    """Check and name the arguments of a prior between states."""
+    pose_i, velocity_i, t_i = as_state("state_i", state_i)
+    pose_j, velocity_j, t_j = as_state("state_j", state_j)
+    if not t_i < t_j:
+        raise ValueError(f"state_j must be later than state_i: dt = {t_j - t_i} s")
+    keys = pose_i, velocity_i, pose_j, velocity_j
+    return _by_keys(*keys, t_j - t_i, qc, approximate_jacobians)

@@ -11,9 +11,7 @@ from numpy.typing import ArrayLike
 from factors.checks import checked_array
 from factors.kernels import Array
 from factors.structureless.landmark_kernels import poses_between_kernel
-
-State = tuple[int, int, float]
-"""Keys of the pose and the velocity, and the time in seconds."""
+from factors.variables import POSE3, TWIST, Variable
 
 
 def checked_times(times: ArrayLike, count: int) -> Array:
@@ -39,7 +37,9 @@ class BracketingStates:
         (n,) seconds from that one, and to the next.
     """
 
-    def __init__(self, t: Array, states: Sequence[State], every: bool = False) -> None:
+    def __init__(
+        self, t: Array, states: Sequence[tuple[int, int, float]], every: bool = False
+    ) -> None:
         t_states = checked_array("states", [time for _, _, time in states], ())
         if len(t_states) < 2 or (np.diff(t_states) <= 0).any():
             raise ValueError("states must be two or more in order of time")
@@ -60,16 +60,26 @@ class BracketingStates:
         return BracketingStates(t, self.states, every=True)
 
     @property
-    def keys(self) -> list[int]:
+    def variables(self) -> list[Variable]:
         """Pose and velocity of each state."""
-        return [key for pose, velocity, _ in self.states for key in (pose, velocity)]
+        kinds = ("pose", POSE3), ("velocity", TWIST)
+        return [
+            Variable(f"{name} at {state[2]} s", key, kind)
+            for state in self.states
+            for (name, kind), key in zip(kinds, state[:2], strict=True)
+        ]
+
+    @property
+    def keys(self) -> list[int]:
+        """Keys of the variables."""
+        return [variable.key for variable in self.variables]
 
     def read(self, values: gtsam.Values) -> tuple[Array, Array]:
         """Poses (m, 4, 4) and velocities (m, 6) of the states."""
         T_states, v_states = np.empty((len(self.states), 4, 4)), np.empty((len(self.states), 6))
         for i, (pose, velocity, _) in enumerate(self.states):
             T_states[i] = values.atPose3(pose).matrix()
-            v_states[i] = values.atVector(velocity)
+            v_states[i] = values.atVector6(velocity)
         return T_states, v_states
 
     def poses(self, T_states: Array, v_states: Array, count: int | None = None) -> Array:

@@ -16,16 +16,18 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from factors.checks import checked_noise, power_spectral_density
+from factors.checks import checked_finite_noise, power_spectral_density
+from factors.factor import Factor
 from factors.kernels import Array
-from factors.stereo import StereoCamera
-from factors.structureless.bracketing_states import BracketingStates, State, checked_times
+from factors.stereo import Camera, StereoCamera, as_camera
+from factors.structureless.bracketing_states import BracketingStates, checked_times
 from factors.structureless.bridge import Bridge
 from factors.structureless.fitted_landmarks import Fit, FittedLandmarks, checked_measurements
 from factors.structureless.joint_system import JointSystem, Rows, root_kernel
 from factors.structureless.landmark_prior import LandmarkPrior
 from factors.structureless.row_kernels import measurement_rows_kernel, prior_system_kernel
 from factors.structureless.states_between import StatesBetween
+from factors.variables import State, as_state
 
 Index = NDArray[np.int64]
 
@@ -33,7 +35,7 @@ TOLERANCE = 1e-4
 """Variance, of that of a measurement, that is neglected between states at unique times."""
 
 
-class StructurelessStereoFactor(gtsam.CustomFactor):
+class StructurelessStereoFactor(Factor):
     """Stereo measurements of many landmarks at their own times, the landmarks eliminated.
 
     Parameters
@@ -46,14 +48,14 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
         (n,) integers: measurements of equal ones are of the same landmark; or one for all. A
         landmark that is measured once has no information on the states.
     model
-        Noise model of one measurement, dimension 3. A robust one weights each measurement by
-        itself, by the norm of its whitened error.
+        Noise model of one measurement, dimension 3, not Constrained. A robust one weights each
+        measurement by itself, by the norm of its whitened error.
     states
-        (pose key, velocity key, time) in order of time: Pose3 T_world_cam, body twist (6,) with the
-        rotation first, seconds. The factor takes those that bracket a measurement, or all if there
-        is a Q_c or a prior.
+        (pose key, velocity key, time), or gtsam.StateData, in order of time: Pose3 T_world_cam,
+        body twist (6,) with the rotation first, seconds. The factor takes those that bracket a
+        measurement, or all if there is a Q_c or a prior.
     camera
-        Intrinsics of the rectified pair.
+        Intrinsics of the rectified pair; or gtsam.Cal3_S2Stereo.
     qc
         Power spectral density, diagonal (6,): every time is then a state of its own, tied to the
         others by the WNOA prior, and eliminated. Without, the states between are interpolated.
@@ -84,7 +86,7 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
         landmarks: ArrayLike,
         model: gtsam.noiseModel.Base,
         states: Sequence[State],
-        camera: StereoCamera,
+        camera: Camera,
         qc: ArrayLike | None = None,
         prior: LandmarkPrior | None = None,
         tolerance: float = TOLERANCE,
@@ -92,19 +94,33 @@ class StructurelessStereoFactor(gtsam.CustomFactor):
         measurements = checked_measurements(measured)
         t = checked_times(times, len(measurements))
         number = _checked_landmarks(landmarks, len(t))
-        checked_noise(model, 3)
+        checked_finite_noise(model, 3)
+        camera = as_camera(camera)
         if prior is None and len(t) < 2:
             raise ValueError(f"measured must have two rows or more, not {len(t)}")
         if not tolerance >= 0:
             raise ValueError(f"tolerance must not be negative, not {tolerance}")
         roots = None if qc is None else np.sqrt(_diagonal(qc))
+        named_states = [as_state("states", state) for state in states]
+        made_of = {
+            "measured": measurements,
+            "times": t,
+            "landmarks": number,
+            "model": model,
+            "states": named_states,
+            "camera": camera,
+            "qc": None if qc is None else np.array(qc, np.float64),
+            "prior": prior,
+            "tolerance": tolerance,
+        }
         order = np.lexsort((t, number))
         self._place = np.argsort(order)
-        between = BracketingStates(t[order], states, not (qc is None and prior is None))
+        between = BracketingStates(t[order], named_states, not (qc is None and prior is None))
         prior = LandmarkPrior.none() if prior is None else prior
         found = FittedLandmarks(measurements[order], number[order], model, camera, prior)
         self.window = window = LandmarkWindow(between, t[order], found, prior, roots, tolerance)
-        super().__init__(gtsam.noiseModel.Unit.Create(window.size), between.keys, window.error)
+        unit = gtsam.noiseModel.Unit.Create(window.size)
+        super().__init__(unit, between.variables, window.error, made_of)
 
     def landmarks(self, values: gtsam.Values) -> tuple[Index, Array]:
         """Return (L,) increasing landmarks and the (L, 3) points in the world that fit best.
@@ -181,9 +197,7 @@ class LandmarkWindow:
         self.qc_root, self._tolerance = qc_root, tolerance
         self._linearized: Linearization | None = None
 
-    def error(
-        self, _this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
-    ) -> Array:
+    def error(self, values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
         """Return (12 m + 1,) errors, and their Jacobians of each pose and velocity if asked for."""
         T_states, v_states = self.between.read(values)
         if jacobians is None:

@@ -14,9 +14,19 @@ Array = NDArray[np.float64]
 
 
 def fast_mc_ransac(
-    segments: Segments, camera: StereoCamera, config: McRansacConfig, rng: np.random.Generator
+    segments: Segments, camera: StereoCamera, config: McRansacConfig, rng: np.random.Generator | int
 ) -> Array:
-    """Find the velocity (6,) of the random sample that explains most segments, section III-B.1."""
+    """Find the velocity (6,) of the random sample that explains most segments, section III-B.1.
+
+    `rng` draws the samples, or is a seed.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer segments than a sample has.
+    """
+    if len(segments) < config.sample_size:
+        raise ValueError(f"segments must be {config.sample_size} or more, not {len(segments)}")
     points = camera.triangulate(segments.earlier)
     displacements = camera.triangulate(segments.later) - points
     return best_sample_velocity(
@@ -25,7 +35,9 @@ def fast_mc_ransac(
         segments.dt,
         segments.later,
         inlier_tolerance(segments, config),
-        random_samples(len(segments), config.sample_size, config.iterations, rng),
+        random_samples(
+            len(segments), config.sample_size, config.iterations, np.random.default_rng(rng)
+        ),
         camera.parameters,
         config.confidence,
     )

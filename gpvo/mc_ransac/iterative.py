@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from factors.checks import checked_vector
 from factors.kernels import LEFT, jacobian_coefficients_kernel, kernel, se3_polynomial_kernel
 from factors.lie import se3_exp, se3_left_jacobian, skew
 from factors.stereo import StereoCamera
 from gpvo.config import McRansacConfig
 from gpvo.mc_ransac.fast_kernels import move, moved_points
-from gpvo.mc_ransac.segments import Segments, are_inliers
+from gpvo.mc_ransac.segments import Segments, are_inliers, information_matrix
 
 Array = NDArray[np.float64]
 
@@ -39,16 +40,26 @@ class VelocityFit:
 def iterative_mc_ransac(
     segments: Segments,
     camera: StereoCamera,
-    information: Array,
-    velocity: Array,
+    information: ArrayLike,
+    velocity: ArrayLike,
     inliers: NDArray[np.bool_],
     config: McRansacConfig,
 ) -> VelocityFit | None:
     """Refine a velocity by Gauss-Newton on its inliers and select them again, section III-B.2.
 
     This is done up to `config.refinements` times, because a refined velocity explains more
-    segments. Returns None if the inliers do not determine a velocity.
+    segments. `information` is R^-1 of a measurement, (3, 3) or its diagonal (3,). Returns None if
+    the inliers do not determine a velocity.
+
+    Raises
+    ------
+    ValueError
+        If the information, the velocity or the inliers have another shape or are not finite.
     """
+    information, velocity = information_matrix(information), checked_vector("velocity", velocity, 6)
+    inliers = np.asarray(inliers)
+    if inliers.dtype != bool or inliers.shape != (len(segments),):
+        raise ValueError(f"inliers must be one truth value for each of {len(segments)} segments")
     for _ in range(config.refinements):
         chosen = segments[inliers]
         refined = _refined_velocity(chosen, camera, information, velocity, config)

@@ -8,13 +8,13 @@ Exp(dt v): a static point moves through the camera frame as p(t + dt) = Exp(-dt 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from factors.stereo import StereoCamera
 from gpvo.config import McRansacConfig
 from gpvo.mc_ransac.fast import fast_mc_ransac
 from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
-from gpvo.mc_ransac.segments import Segments, are_inliers
+from gpvo.mc_ransac.segments import Segments, are_inliers, information_matrix
 
 Array = NDArray[np.float64]
 
@@ -22,16 +22,23 @@ Array = NDArray[np.float64]
 def mc_ransac(
     segments: Segments,
     camera: StereoCamera,
-    information: Array,
+    information: ArrayLike,
     config: McRansacConfig,
-    rng: np.random.Generator,
+    rng: np.random.Generator | int,
 ) -> VelocityFit | None:
     """Find the largest set of segments that one velocity explains, and that velocity.
 
-    The fast version proposes an inlier set, the iterative version refines it. `information` (3, 3)
-    is the inverse covariance R^-1 of a measurement. Returns None if no sample has enough inliers,
-    or if they do not determine a velocity.
+    The fast version proposes an inlier set, the iterative version refines it. `information` is the
+    inverse covariance R^-1 of a measurement, (3, 3) or its diagonal (3,); `rng` draws the samples,
+    or is a seed. Returns None if no sample has enough inliers, or if they do not determine a
+    velocity.
+
+    Raises
+    ------
+    ValueError
+        If the information is not symmetric and positive definite.
     """
+    information = information_matrix(information)
     if len(segments) < config.sample_size:
         return None
     velocity = fast_mc_ransac(segments, camera, config, rng)

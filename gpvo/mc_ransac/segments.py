@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from factors.checks import checked_array
 from factors.stereo import StereoCamera
 from gpvo.array_table import ArrayTable
 from gpvo.config import McRansacConfig
@@ -26,11 +27,28 @@ class Segments(ArrayTable):
         (N, 3) measurements (u_left, v, disparity), rectified pixels.
     dt
         (N,) positive seconds from the earlier to the later one.
+
+    Raises
+    ------
+    ValueError
+        If a column has another shape or is not finite, or a dt is not positive: measurements the
+        wrong way round would give the motion the wrong sign.
     """
 
     earlier: Array
     later: Array
     dt: Array
+
+    def __post_init__(self) -> None:
+        for name, element in (("earlier", (3,)), ("later", (3,)), ("dt", ())):
+            column = checked_array(name, getattr(self, name), element)
+            if column.shape != (np.size(self.dt), *element):
+                raise ValueError(f"{name} must have a row for each dt, not {column.shape}")
+            object.__setattr__(self, name, column)
+        if not (self.dt > 0).all():
+            raise ValueError(
+                f"dt must be positive seconds, not {self.dt.min()}: earlier, then later"
+            )
 
 
 def segments_between(earlier: Measurements, later: Measurements) -> Segments:
@@ -54,3 +72,20 @@ def inlier_tolerance(segments: Segments, config: McRansacConfig) -> Array:
     """
     length = np.linalg.norm(segments.later - segments.earlier, axis=1)
     return np.maximum(config.relative_threshold * length, config.pixel_threshold)
+
+
+def information_matrix(information: ArrayLike) -> Array:
+    """Return R^-1 (3, 3), given whole or as its diagonal (3,).
+
+    Raises
+    ------
+    ValueError
+        If it has another shape, or is not symmetric and positive definite.
+    """
+    given = np.asarray(information, np.float64)
+    matrix = np.diag(given) if given.shape == (3,) else given
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise ValueError(f"information must be 3 or 3 x 3 finite numbers, not {given}")
+    if not (np.array_equal(matrix, matrix.T) and np.linalg.eigvalsh(matrix)[0] > 0):
+        raise ValueError(f"information must be symmetric and positive definite, not {given}")
+    return matrix

@@ -17,14 +17,20 @@ from factors import (
     ReprojectionVelocityFactor,
     StereoCamera,
     StereoReprojectionFactor,
+    StructurelessStereoFactor,
     WnoaPriorFactor,
     extrapolate,
     interpolate,
     wnoa_covariance,
 )
+from factors.lie import se3_inverse, se3_log
+from factors.linear_states import LinearStatesFactor
+from factors.wnoa import wnoa_error
 
 good = np.array([180.0, 120.0, 6.0])
 behind = np.array([180.0, 120.0, -6.0])
+sheared = np.eye(4) + np.eye(4, k=1) * 1e-4
+STATES = [gtsam.StateData(X(k), V(k), 0.1 * k) for k in range(2)]
 two = gtsam.noiseModel.Unit.Create(2)
 
 
@@ -32,8 +38,18 @@ def prior(dt: float = 0.1, qc: Any = QC) -> object:
     return WnoaPriorFactor(X(0), V(0), X(1), V(1), dt, qc)
 
 
-def stereo(measured: Any = good, model: Any = NOISE) -> object:
-    return StereoReprojectionFactor(measured, model, X(0), L(0), CAMERA)
+def stereo(
+    measured: Any = good, model: Any = NOISE, camera: Any = CAMERA, T_body_cam: Any = None
+) -> object:
+    return StereoReprojectionFactor(measured, model, X(0), L(0), camera, T_body_cam)
+
+
+def tracklet(model: Any = NOISE, states: Any = STATES) -> object:
+    return StructurelessStereoFactor([good, good], [0.01, 0.02], 0, model, states, CAMERA)
+
+
+def robust(model: Any) -> Any:
+    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(1.3), model)
 
 
 def between(t: float = 0.05, measured: Any = good, model: Any = NOISE, qc: Any = None) -> object:
@@ -93,6 +109,25 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     ("qc", lambda: extrapolate(np.eye(4), np.zeros(6), 0.1, None, np.eye(12))),
     ("fx", lambda: StereoCamera(-1, 1, 0, 0, 0.1)),
     ("cx", lambda: StereoCamera(1, 1, np.nan, 0, 0.1)),
+    ("T_i must be poses", lambda: extrapolate(2 * np.eye(4), np.zeros(6), 0.1)),
+    ("T_i must be poses", lambda: extrapolate(np.diag([1, 1, -1, 1]), np.zeros(6), 0.1)),
+    ("T must be poses", lambda: se3_log(np.ones((4, 4)))),
+    ("T must be poses", lambda: se3_inverse(np.stack([np.eye(4), sheared]))),
+    ("T_j must be poses", lambda: wnoa_error(np.eye(4), np.zeros(6), sheared, np.zeros(6), 0.1)),
+    ("v_i", lambda: wnoa_error(np.eye(4), np.zeros(3), np.eye(4), np.zeros(6), 0.1)),
+    ("T_body_cam must be poses", lambda: stereo(T_body_cam=2 * np.eye(4))),
+    ("T_body_cam", lambda: stereo(T_body_cam=np.eye(3))),
+    ("T_body_cam", lambda: stereo(T_body_cam=np.eye(4)[None])),
+    ("camera", lambda: stereo(camera=5)),
+    ("skew", lambda: stereo(camera=gtsam.Cal3_S2Stereo(1, 1, 0.1, 0, 0, 0.1))),
+    ("Constrained", lambda: stereo(model=gtsam.noiseModel.Constrained.All(3))),
+    ("Constrained", lambda: tracklet(gtsam.noiseModel.Constrained.All(3))),
+    ("Constrained", lambda: tracklet(robust(gtsam.noiseModel.Constrained.All(3)))),
+    ("states", lambda: tracklet(states=[(X(0), V(0)), (X(1), V(1), 0.1)])),
+    ("state_i", lambda: WnoaPriorFactor((X(0), V(0)), (X(1), V(1), 0.1), QC)),
+    ("state_j must be later", lambda: WnoaPriorFactor(*reversed(STATES), QC)),
+    ("measured", lambda: stereo(gtsam.StereoPoint2(6, 180, 120))),
+    ("rows", lambda: LinearStatesFactor([X(0), V(0)], [np.eye(4)], np.zeros((1, 6)), np.eye(6))),
     ("baseline", lambda: StereoCamera(1, 1, 0, 0, 0.0)),
 ]
 

@@ -33,6 +33,8 @@ from factors.wnoa import wnoa_error
 
 examples = settings(deadline=None, max_examples=15)
 measurement = np.array([180.0, 120.0, 6.0])
+MOUNTED = se3_exp([0.1, -0.2, 0.15, 0.05, -0.1, 0.2])
+ROBUST = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(1.345), NOISE)
 
 
 @given(seeds, st.floats(1e-3, 0.5))
@@ -96,27 +98,25 @@ def test_the_papers_first_order_derivatives_are_an_option() -> None:
     np.testing.assert_allclose(errors[1:], [errors[0] / 2, errors[0] / 4], rtol=0.2)
 
 
-@given(seeds)
+@given(seeds, st.booleans(), st.booleans())
 @examples
-def test_stereo(seed: int) -> None:
-    values = random_states(seed, 0.1)
-    factor = StereoReprojectionFactor(measurement, NOISE, X(0), L(0), CAMERA)
-    assert_derivatives_match(factor, values)
-    native = native_stereo()
-    covariance = np.array([[1, 0, 0], [1, 0, -1], [0, 1, 0]])  # (u_left, u_right, v) of ours
-    A, b = factor.linearize(values).jacobian()
-    sigmas = NOISE.sigmas()[:, None]
-    A_native, b_native = native.linearize(values).jacobian()
-    np.testing.assert_allclose(covariance @ (sigmas * A), A_native, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(covariance @ (sigmas[:, 0] * b), b_native, rtol=1e-9, atol=1e-9)
-
-
-def native_stereo() -> gtsam.GenericStereoFactor3D:
-    """GTSAM's factor of the same measurement with unit noise; cheirality does not throw."""
-    u, v, disparity = measurement
-    calibration = gtsam.Cal3_S2Stereo(226.0, 226.0, 0.0, 173.0, 130.0, 0.1)
-    point, unit = gtsam.StereoPoint2(u, u - disparity, v), gtsam.noiseModel.Unit.Create(3)
-    return gtsam.GenericStereoFactor3D(point, unit, X(0), L(0), calibration, False, False)
+def test_stereo(seed: int, robust: bool, mounted: bool) -> None:
+    """The loss is that of the projection in (u_left, v, disparity), the camera in the body."""
+    values, T = random_states(seed, 0.1), gtsam.Pose3(MOUNTED if mounted else np.eye(4))
+    model = ROBUST if robust else NOISE
+    factor = StereoReprojectionFactor(measurement, model, X(0), L(0), CAMERA, T)
+    if not robust:
+        assert_derivatives_match(factor, values)
+    point = values.atPose3(X(0)).compose(T).transformTo(values.atPoint3(L(0)))
+    difference = CAMERA.project(point) - measurement
+    expected = model.loss(model.squaredMahalanobisDistance(difference))
+    np.testing.assert_allclose(factor.error(values), expected, rtol=1e-10)
+    u_left, v, disparity = measurement
+    theirs = gtsam.StereoPoint2(u_left, u_left - disparity, v)
+    _, _, *rest = measurement, model, X(0), L(0), CAMERA.to_gtsam(), T
+    again = StereoReprojectionFactor(theirs, factor.noiseModel(), *rest)
+    np.testing.assert_allclose(again.error(values), expected, rtol=1e-10)
+    np.testing.assert_allclose(again.measured, measurement, rtol=1e-15)
 
 
 def test_behind_the_camera_stereo_is_as_gtsams() -> None:
@@ -124,10 +124,9 @@ def test_behind_the_camera_stereo_is_as_gtsams() -> None:
     values.update(L(0), values.atPose3(X(0)).matrix()[:3] @ [0.1, 0.2, -3.0, 1.0])
     unit = gtsam.noiseModel.Unit.Create(3)
     factor = StereoReprojectionFactor(measurement, unit, X(0), L(0), CAMERA)
-    A, b = factor.linearize(values).jacobian()
-    A_native, b_native = native_stereo().linearize(values).jacobian()
-    np.testing.assert_array_equal(A, A_native)
-    np.testing.assert_array_equal(b, b_native)
+    A, _ = factor.linearize(values).jacobian()
+    np.testing.assert_array_equal(A, np.zeros((3, 9)))
+    np.testing.assert_array_equal(factor.unwhitenedError(values), np.full(3, 2 * CAMERA.fx))
 
 
 @given(seeds, st.floats(0.0, 1.0))
@@ -141,9 +140,19 @@ def test_interpolated_stereo(seed: int, share: float) -> None:
     assert_derivatives_match(factor, values)
     values.insert(X(9), gtsam.Pose3(pose_between(values, t_i, t_j, t)))
     at_its_time = StereoReprojectionFactor(measurement, NOISE, X(9), L(0), CAMERA)
-    np.testing.assert_allclose(
-        factor.whitenedError(values), at_its_time.whitenedError(values), rtol=1e-9, atol=1e-9
-    )
+    np.testing.assert_allclose(factor.error(values), at_its_time.error(values), rtol=1e-9)
+
+
+@given(seeds, st.floats(0.0, 1.0))
+@examples
+def test_interpolated_stereo_of_a_camera_in_the_body(seed: int, share: float) -> None:
+    values, states = random_states(seed, 0.2), [gtsam.StateData(X(k), V(k), k) for k in range(2)]
+    rest = L(0), CAMERA.to_gtsam(), share
+    factor = InterpolatedStereoFactor(measurement, NOISE, *states, *rest, T_body_cam=MOUNTED)
+    values.insert(X(9), gtsam.Pose3(pose_between(values, 0.0, 1.0, share)))
+    at_its_time = StereoReprojectionFactor(measurement, NOISE, X(9), L(0), CAMERA, MOUNTED)
+    np.testing.assert_allclose(factor.error(values), at_its_time.error(values), rtol=1e-9)
+    assert_derivatives_match(factor, values)
 
 
 @given(seeds)

@@ -18,7 +18,7 @@ TABLES = [
     EventBlock(N.astype(np.uint16), N.astype(np.uint16), N, N > 2),
     Observations(N, N, np.ones((5, 2)) * N[:, None], np.zeros((5, 2))),
     Measurements(N, N, N / 2, np.ones((5, 3)) * N[:, None]),
-    Segments(np.ones((5, 3)) * N[:, None], np.zeros((5, 3)), N / 2),
+    Segments(np.ones((5, 3)) * N[:, None], np.zeros((5, 3)), N / 2 + 1),
     States(N / 2, np.tile(np.eye(4), (5, 1, 1)), np.zeros((5, 6))),
 ]
 

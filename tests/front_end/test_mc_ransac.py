@@ -299,3 +299,56 @@ def test_the_paper_draws_all_samples() -> None:
         velocity = fast_mc_ransac(segments, CAMERA, config, np.random.default_rng(0))
         counts.append(are_inliers(segments, CAMERA, velocity, config).sum())
     assert counts[0] < counts[1]
+
+
+def test_a_seed_a_diagonal_and_lists_are_as_good_as_arrays() -> None:
+    rng = np.random.default_rng(4)
+    segments, _ = with_outliers(rng, random_segments(rng, 40, random_velocity(rng), SHORT), 0.2)
+    lists = Segments(segments.earlier.tolist(), segments.later.tolist(), segments.dt.tolist())
+    diagonal = np.diag(INFORMATION).tolist()
+    expected = mc_ransac(segments, CAMERA, INFORMATION, CONFIG, np.random.default_rng(7))
+    found = mc_ransac(lists, CAMERA, diagonal, CONFIG, 7)
+    assert expected is not None and found is not None
+    np.testing.assert_array_equal(found.velocity, expected.velocity)
+    np.testing.assert_array_equal(found.covariance, expected.covariance)
+    np.testing.assert_array_equal(found.inliers, expected.inliers)
+    one_more = iterative_mc_ransac(
+        lists, CAMERA, diagonal, found.velocity.tolist(), found.inliers, CONFIG
+    )
+    assert one_more is not None
+    np.testing.assert_array_equal(
+        fast_mc_ransac(segments, CAMERA, CONFIG, 7),
+        fast_mc_ransac(segments, CAMERA, CONFIG, np.random.default_rng(7)),
+    )
+
+
+def test_bad_input_is_refused_by_name() -> None:
+    good = random_segments(np.random.default_rng(0), 10, np.zeros(6))
+    three, rows = good.earlier, good.earlier[:9]
+    for name, make in (
+        ("dt must be positive", lambda: Segments(three, three, -good.dt)),
+        ("dt must be positive", lambda: Segments(three, three, 0 * good.dt)),
+        ("dt must be finite", lambda: Segments(three, three, np.nan * good.dt)),
+        ("dt", lambda: Segments(three, three, good.dt[:, None])),
+        ("earlier", lambda: Segments(three[:, :2], three, good.dt)),
+        ("later", lambda: Segments(three, rows, good.dt)),
+        ("later", lambda: Segments(three, three * np.inf, good.dt)),
+        ("information", lambda: mc_ransac(good, CAMERA, [1, 1], CONFIG, 0)),
+        ("information", lambda: mc_ransac(good, CAMERA, [1, 1, -1], CONFIG, 0)),
+        ("information", lambda: mc_ransac(good, CAMERA, np.eye(6), CONFIG, 0)),
+        ("segments", lambda: fast_mc_ransac(good[:2], CAMERA, CONFIG, 0)),
+        (
+            "inliers",
+            lambda: iterative_mc_ransac(
+                good, CAMERA, INFORMATION, np.zeros(6), np.ones(3, bool), CONFIG
+            ),
+        ),
+        (
+            "velocity",
+            lambda: iterative_mc_ransac(
+                good, CAMERA, INFORMATION, np.zeros(3), np.ones(10, bool), CONFIG
+            ),
+        ),
+    ):
+        with pytest.raises(ValueError, match=name):
+            make()

@@ -1,0 +1,129 @@
+"""The variables that factors read, and what is wrong with those that they cannot read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import gtsam
+import numpy as np
+
+from factors.kernels import Array
+
+State = tuple[int, int, float] | gtsam.StateData
+"""Keys of the pose and the velocity, and the time in seconds."""
+
+
+class Kind(NamedTuple):
+    """What a variable has to be, and how it is read from values."""
+
+    name: str
+    read: Callable[[gtsam.Values, int], Any]
+
+
+class Variable(NamedTuple):
+    """A key, the name of the argument that gave it, and what is stored there."""
+
+    role: str
+    key: int
+    kind: Kind
+
+
+def vector(size: int) -> Kind:
+    """Return the kind of vectors (size,)."""
+
+    def read(values: gtsam.Values, key: int) -> Array:
+        found: Array = values.atVector(key)
+        if len(found) != size:
+            raise ValueError(f"a vector of {len(found)}")
+        return found
+
+    return Kind(f"a vector of {size}", read)
+
+
+POSE3 = Kind("a Pose3", gtsam.Values.atPose3)
+POSE2 = Kind("a Pose2", gtsam.Values.atPose2)
+ROT3 = Kind("a Rot3", gtsam.Values.atRot3)
+# Reads vectors of dynamic and of fixed size, and refuses all that do not have 6 entries.
+TWIST = Kind("a vector of 6", gtsam.Values.atVector6)
+POINT3 = Kind("a Point3", gtsam.Values.atPoint3)
+BIAS = Kind("a ConstantBias", gtsam.Values.atConstantBias)
+
+
+def checked_keys(variables: Sequence[Variable]) -> list[int]:
+    """Return the keys of variables.
+
+    Raises
+    ------
+    ValueError
+        If two of them are the same.
+    """
+    roles: dict[int, str] = {}
+    for role, key, _ in variables:
+        if key in roles:
+            name = gtsam.DefaultKeyFormatter(key)
+            raise ValueError(f"{role} must not be the key of {roles[key]}, {name}")
+        roles[key] = role
+    return list(roles)
+
+
+def fault_of(variables: Sequence[Variable], values: gtsam.Values) -> str | None:
+    """Return which variable cannot be read and why, or None."""
+    for role, key, kind in variables:
+        name = f"{gtsam.DefaultKeyFormatter(key)} ({role})"
+        if not values.exists(key):
+            return f"{name} is not in the values"
+        try:
+            kind.read(values, key)
+        except (RuntimeError, ValueError):
+            return f"{name} must be {kind.name}, not {_stored(values, key)}"
+    return None
+
+
+def _stored(values: gtsam.Values, key: int) -> str:
+    """Name what is stored at a key."""
+    for kind in (POSE3, POSE2, ROT3, TWIST, POINT3, BIAS):
+        try:
+            kind.read(values, key)
+        except RuntimeError:
+            continue
+        return kind.name
+    try:
+        return f"a vector of {len(values.atVector(key))}"
+    except RuntimeError:
+        return "of another type"
+
+
+def as_state(name: str, state: State) -> tuple[int, int, float]:
+    """Return the keys of a state's pose and velocity, and its time in seconds.
+
+    Raises
+    ------
+    ValueError
+        If it is neither a gtsam.StateData nor such a tuple.
+    """
+    if isinstance(state, gtsam.StateData):
+        return state.pose, state.velocity, state.time
+    try:
+        pose, velocity, time = state
+        return int(pose), int(velocity), float(time)
+    except (TypeError, ValueError):
+        remedy = "(pose key, velocity key, seconds) or a gtsam.StateData"
+        raise ValueError(f"{name} must be {remedy}, not {state!r}") from None
+
+
+def are_states(args: Sequence[Any], kwargs: dict[str, Any], place: int = 0) -> bool:
+    """Tell whether a constructor that takes keys or states was given states, from `place` on."""
+    if len(args) > place:
+        return not isinstance(args[place], int | np.integer)
+    return "state_i" in kwargs
+
+
+def checked_time_between(
+    t: float, state_i: tuple[int, int, float], state_j: tuple[int, int, float]
+) -> float:
+    """Return a time between those of two states, which are in order."""
+    t_i, t_j = state_i[2], state_j[2]
+    if not (t_i < t_j and t_i <= t <= t_j):
+        raise ValueError(f"t = {t} must lie between t_i = {t_i} and t_j = {t_j}")
+    return float(t)
