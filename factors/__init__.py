@@ -6,6 +6,7 @@ from factors.factor import Factor, check_values, original
 from factors.interpolated_stereo import InterpolatedStereoFactor
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.linear_states import LinearStatesFactor
+from factors.saving import from_dict, to_dict
 from factors.solver import optimize
 from factors.stereo import StereoCamera, StereoReprojectionFactor
 from factors.structureless import (
@@ -39,11 +40,13 @@ __all__ = [
     "WnoaPriorFactor",
     "check_values",
     "extrapolate",
+    "from_dict",
     "interpolate",
     "lie",
     "marginalize",
     "optimize",
     "original",
+    "to_dict",
     "wnoa_covariance",
     "wnoa_information",
     "wnoa_square_root_covariance",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,6 +17,7 @@ from factors.variables import POINT3, POSE3, Variable, checked_keys
 
 StereoMeasurement = ArrayLike | gtsam.StereoPoint2
 """(u_left, v, disparity), or GTSAM's (u_left, u_right, v)."""
+StereoMeasurements = ArrayLike | Sequence[StereoMeasurement]
 
 _TO_GTSAM = np.array([[1.0, 0, 0], [1, 0, -1], [0, 1, 0]])
 """Turns (u_left, v, disparity) into (u_left, u_right, v)."""
@@ -170,6 +172,16 @@ def stereo_measurement(
         return checked_measurement(measured), model
     u_left, u_right, v = measured.uL(), measured.uR(), measured.v()
     return checked_measurement([u_left, v, u_left - u_right]), _mixed_noise(model, False)
+
+
+def stereo_measurements(
+    measured: StereoMeasurements, model: gtsam.noiseModel.Base
+) -> tuple[Array, gtsam.noiseModel.Base]:
+    """Return many measurements (n, 3) and their noise, as `stereo_measurement` does."""
+    if isinstance(measured, Sequence) and len(measured):
+        pairs = [stereo_measurement(each, model) for each in measured]
+        return np.array([each for each, _ in pairs]), pairs[0][1]
+    return np.asarray(measured, np.float64), model
 
 
 @lru_cache(

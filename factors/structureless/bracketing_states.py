@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from factors.checks import checked_array
 from factors.kernels import Array
+from factors.lie import se3_adjoint, se3_inverse
 from factors.structureless.landmark_kernels import poses_between_kernel
 from factors.variables import POSE3, TWIST, Variable
 
@@ -35,10 +36,17 @@ class BracketingStates:
         (n,) the first of its two states for each time.
     a, b
         (n,) seconds from that one, and to the next.
+    by_body
+        (6, 6) Jacobian of the camera's pose and twist with respect to the body's, if the states are
+        those of a body that carries the camera at T_body_cam (4, 4).
     """
 
     def __init__(
-        self, t: Array, states: Sequence[tuple[int, int, float]], every: bool = False
+        self,
+        t: Array,
+        states: Sequence[tuple[int, int, float]],
+        every: bool = False,
+        T_body_cam: Array | None = None,
     ) -> None:
         t_states = checked_array("states", [time for _, _, time in states], ())
         if len(t_states) < 2 or (np.diff(t_states) <= 0).any():
@@ -54,10 +62,12 @@ class BracketingStates:
         self.states = [states[i] for i in used.tolist()]
         self.t = t_states[used]
         self.first = np.searchsorted(used, first).astype(np.int64)
+        self.T_body_cam = T_body_cam
+        self.by_body = None if T_body_cam is None else se3_adjoint(se3_inverse(T_body_cam))
 
     def at(self, t: Array) -> BracketingStates:
         """Return the same states with other times."""
-        return BracketingStates(t, self.states, every=True)
+        return BracketingStates(t, self.states, True, self.T_body_cam)
 
     @property
     def variables(self) -> list[Variable]:
@@ -75,11 +85,13 @@ class BracketingStates:
         return [variable.key for variable in self.variables]
 
     def read(self, values: gtsam.Values) -> tuple[Array, Array]:
-        """Poses (m, 4, 4) and velocities (m, 6) of the states."""
+        """Poses (m, 4, 4) and velocities (m, 6) of the camera at the states."""
         T_states, v_states = np.empty((len(self.states), 4, 4)), np.empty((len(self.states), 6))
         for i, (pose, velocity, _) in enumerate(self.states):
             T_states[i] = values.atPose3(pose).matrix()
             v_states[i] = values.atVector6(velocity)
+        if self.T_body_cam is not None and self.by_body is not None:
+            T_states, v_states = T_states @ self.T_body_cam, v_states @ self.by_body.T
         return T_states, v_states
 
     def poses(self, T_states: Array, v_states: Array, count: int | None = None) -> Array:

@@ -79,6 +79,8 @@ def marginalize(
         If `count` leaves no state, or the system is singular.
     """
     window = structureless.window
+    if window.between.by_body is not None:
+        raise ValueError("structureless must be of the camera's own states, without T_body_cam")
     if not 0 < count < len(window.between.states):
         raise ValueError(f"count must be 1 to {len(window.between.states) - 1}, not {count}")
     T_states, v_states = window.between.read(values)

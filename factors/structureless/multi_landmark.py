@@ -16,10 +16,10 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from factors.checks import checked_finite_noise, power_spectral_density
+from factors.checks import Pose, checked_finite_noise, checked_pose, power_spectral_density
 from factors.factor import Factor
 from factors.kernels import Array
-from factors.stereo import Camera, StereoCamera, as_camera
+from factors.stereo import Camera, StereoCamera, StereoMeasurements, as_camera, stereo_measurements
 from factors.structureless.bracketing_states import BracketingStates, checked_times
 from factors.structureless.bridge import Bridge
 from factors.structureless.fitted_landmarks import Fit, FittedLandmarks, checked_measurements
@@ -41,7 +41,8 @@ class StructurelessStereoFactor(Factor):
     Parameters
     ----------
     measured
-        (n, 3) measurements (u_left, v, disparity) in rectified pixels.
+        (n, 3) measurements (u_left, v, disparity) in rectified pixels; or n gtsam.StereoPoint2, and
+        the noise is that of (u_left, u_right, v).
     times
         (n,) their times in seconds.
     landmarks
@@ -63,6 +64,9 @@ class StructurelessStereoFactor(Factor):
         What measurements before the first of the states know of the landmarks.
     tolerance
         Variance of the states between that may be neglected, as a share of a measurement's.
+    T_body_cam
+        (4, 4) pose of the left camera in the body, or gtsam.Pose3, if the states are the body's;
+        then without Q_c and prior. What the factor tells of states is still of the camera.
 
     Raises
     ------
@@ -81,7 +85,7 @@ class StructurelessStereoFactor(Factor):
 
     def __init__(
         self,
-        measured: ArrayLike,
+        measured: StereoMeasurements,
         times: ArrayLike,
         landmarks: ArrayLike,
         model: gtsam.noiseModel.Base,
@@ -90,8 +94,10 @@ class StructurelessStereoFactor(Factor):
         qc: ArrayLike | None = None,
         prior: LandmarkPrior | None = None,
         tolerance: float = TOLERANCE,
+        T_body_cam: Pose | None = None,
     ) -> None:
-        measurements = checked_measurements(measured)
+        measurements, model = stereo_measurements(measured, model)
+        measurements = checked_measurements(measurements)
         t = checked_times(times, len(measurements))
         number = _checked_landmarks(landmarks, len(t))
         checked_finite_noise(model, 3)
@@ -102,6 +108,7 @@ class StructurelessStereoFactor(Factor):
             raise ValueError(f"tolerance must not be negative, not {tolerance}")
         roots = None if qc is None else np.sqrt(_diagonal(qc))
         named_states = [as_state("states", state) for state in states]
+        T_mount = None if T_body_cam is None else checked_pose("T_body_cam", T_body_cam)
         made_of = {
             "measured": measurements,
             "times": t,
@@ -112,10 +119,16 @@ class StructurelessStereoFactor(Factor):
             "qc": None if qc is None else np.array(qc, np.float64),
             "prior": prior,
             "tolerance": tolerance,
+            "T_body_cam": T_mount,
         }
+        if T_body_cam is not None and not (qc is None and prior is None):
+            raise ValueError(
+                "T_body_cam must not be given with qc or prior: these are the camera's"
+            )
         order = np.lexsort((t, number))
         self._place = np.argsort(order)
-        between = BracketingStates(t[order], named_states, not (qc is None and prior is None))
+        every = not (qc is None and prior is None)
+        between = BracketingStates(t[order], named_states, every, T_mount)
         prior = LandmarkPrior.none() if prior is None else prior
         found = FittedLandmarks(measurements[order], number[order], model, camera, prior)
         self.window = window = LandmarkWindow(between, t[order], found, prior, roots, tolerance)
@@ -158,6 +171,10 @@ class StructurelessStereoFactor(Factor):
         size = 12 * len(states[0])
         if np.shape(covariance) != (size, size):
             raise ValueError(f"covariance must be ({size}, {size}), not {np.shape(covariance)}")
+        by_body = self.window.between.by_body
+        if by_body is not None:
+            by_bodies = np.kron(np.eye(size // 6), by_body)
+            covariance = by_bodies @ covariance @ by_bodies.T
         return self.window.squared_distances(*states, measurements, t, number, covariance)
 
 
@@ -202,9 +219,10 @@ class LandmarkWindow:
         T_states, v_states = self.between.read(values)
         if jacobians is None:
             return self._cost(T_states, v_states)
-        root = self.linearized(T_states, v_states).root
+        root, by_body = self.linearized(T_states, v_states).root, self.between.by_body
         for block in range(2 * len(self.between.states)):
-            jacobians[block] = root[:, 6 * block : 6 * block + 6]
+            columns = root[:, 6 * block : 6 * block + 6]
+            jacobians[block] = columns if by_body is None else columns @ by_body
         return root[:, -1]
 
     def fit(self, T_states: Array, v_states: Array) -> Fit:

@@ -415,3 +415,57 @@ CASES: list[tuple[str, Callable[[], object]]] = [
 def test_the_argument_is_named(name: str, call: Callable[[], object]) -> None:
     with pytest.raises(ValueError, match=f"^{name}"):
         call()
+
+
+MOUNTED = se3_exp([0.1, -0.2, 0.15, 0.05, -0.1, 0.2])
+
+
+def of_the_body(values: gtsam.Values) -> gtsam.Values:
+    """States of the body that carries the camera at MOUNTED."""
+    found = gtsam.Values()
+    for pose, velocity, _ in STATES:
+        T = values.atPose3(pose).matrix() @ se3_inverse(MOUNTED)
+        found.insert(pose, gtsam.Pose3(T))
+        found.insert(velocity, se3_adjoint(MOUNTED) @ values.atVector(velocity))
+    return found
+
+
+@given(seed=seeds)
+@examples
+def test_a_camera_in_the_body_tells_of_the_body_what_it_tells_of_itself(seed: int) -> None:
+    """Rows by the body's states are those by the camera's, times how these move with the body."""
+    values, data = scene(seed)
+    camera = structureless(data)
+    body = StructurelessStereoFactor(*data, NOISE, STATES, CAMERA, T_body_cam=MOUNTED)
+    at = of_the_body(values)
+    np.testing.assert_allclose(body.error(at), camera.error(values), rtol=1e-9)
+    A, b = camera.linearize(values).jacobian()
+    A_body, b_body = body.linearize(at).jacobian()
+    by_body = np.kron(np.eye(len(KEYS)), se3_adjoint(se3_inverse(MOUNTED)))
+    H, gradient = by_body.T @ A.T @ A @ by_body, by_body.T @ A.T @ b
+    assert_same(A_body.T @ A_body, H, 1e-7)
+    assert_same(A_body.T @ b_body, gradient, 1e-7)
+    assert_same(body.residuals(at), camera.residuals(values))
+    S = np.random.default_rng(seed).normal(size=(36, 36))
+    covariance = S @ S.T * 1e-6
+    new = data[0] + 0.5, data[1], data[2]
+    expected = camera.squared_distances(values, *new, by_body @ covariance @ by_body.T)
+    np.testing.assert_allclose(body.squared_distances(at, *new, covariance), expected, rtol=1e-6)
+
+
+def test_gtsams_measurements_are_converted_with_their_noise() -> None:
+    values, (measured, times, number) = scene(3)
+    theirs = [gtsam.StereoPoint2(u, u - disparity, v) for u, v, disparity in measured]
+    mixing = np.array([[1.0, 0, 0], [1, 0, -1], [0, 1, 0]])  # (u_left, u_right, v) of ours
+    covariance = mixing @ np.diag(NOISE.sigmas() ** 2) @ mixing.T
+    model = gtsam.noiseModel.Gaussian.Covariance(covariance)
+    states = [gtsam.StateData(*each) for each in STATES]
+    found = StructurelessStereoFactor(theirs, times, number, model, states, CAMERA.to_gtsam())
+    expected = structureless((measured, times, number))
+    np.testing.assert_allclose(found.error(values), expected.error(values), rtol=1e-10)
+
+
+def test_a_body_has_no_prior_of_its_camera() -> None:
+    _, data = scene(0)
+    with pytest.raises(ValueError, match="T_body_cam"):
+        StructurelessStereoFactor(*data, NOISE, STATES, CAMERA, QC, T_body_cam=MOUNTED)
