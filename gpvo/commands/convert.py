@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich.console import Console
 
 from gpvo.commands.info import open_for_info
 from gpvo.commands.inputs import Calibration, LeftTopic, RightTopic, console
@@ -26,23 +25,10 @@ def convert_recording(
     right_topic: RightTopic = None,
 ) -> None:
     """Write a recording in another format: the same events, and the calibration beside them."""
-    convert_command(recording, output, to, calibration, left_topic, right_topic, console)
-
-
-def convert_command(
-    path: Path,
-    output: Path,
-    kind: str | None,
-    calibration: Path | None,
-    left: str | None,
-    right: str | None,
-    console: Console,
-) -> None:
-    """Write a recording in another format and print how many events it has."""
-    kind = kind or kind_of(output)
-    recording, calibrated = open_for_info(path, calibration, left, right)
-    with reading_progress(console, recording.duration) as advance:
-        counts = convert(recording, output, kind, advance)
+    kind = to or kind_of(output)
+    opened, calibrated = open_for_info(recording, calibration, left_topic, right_topic)
+    with reading_progress(console, opened.duration) as advance:
+        counts = convert(opened, output, kind, advance)
     place = f"in {camchain_path(output, kind)}" if calibrated else "none found"
     console.print(
         f"{output} ({kind}): {counts[0]:,} left and {counts[1]:,} right events;"

@@ -11,7 +11,6 @@ from typing import Annotated
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from gpvo.commands.inputs import Calibration as CalibrationFile
@@ -46,16 +45,9 @@ def info(
     right_topic: RightTopic = None,
 ) -> None:
     """Print what a recording holds: sensor, events, calibration, ground truth, faults."""
-    info_command(recording, calibration, left_topic, right_topic, console)
-
-
-def info_command(
-    path: Path, calibration: Path | None, left: str | None, right: str | None, console: Console
-) -> None:
-    """Read a recording once and print its summary."""
-    recording, calibrated = open_for_info(path, calibration, left, right)
-    with reading_progress(console, recording.duration) as advance:
-        summary = summarise(recording, calibrated, advance)
+    opened, calibrated = open_for_info(recording, calibration, left_topic, right_topic)
+    with reading_progress(console, opened.duration) as advance:
+        summary = summarise(opened, calibrated, advance)
     for table in summary.tables():
         console.print(table)
     for warning in summary.warnings:

@@ -13,8 +13,7 @@ from rich.table import Table
 from gpvo.config import Configuration, configuration_text
 from gpvo.estimator import Diagnostic
 from gpvo.evaluation import Evaluation, evaluate
-from gpvo.evaluation.evaluate import common_stamps
-from gpvo.evaluation.metrics.association import common_part
+from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import COST_FILE
 from gpvo.evaluation.report.weak_stretches import weak_stretches
@@ -125,8 +124,4 @@ def evaluate_trajectory(trajectory: Trajectory, ground_truth: StampedPoses) -> E
     InputError
         If the two have no time in common.
     """
-    ends = trajectory.stamped_poses(np.array([trajectory.start, trajectory.stop]))
-    stamps_ns = common_part(common_stamps(ends, ground_truth, STEP), ends, ground_truth)
-    seconds = np.clip((stamps_ns - trajectory.start_ns) * 1e-9, trajectory.start, trajectory.stop)
-    poses = StampedPoses(stamps_ns, trajectory.pose(seconds))
-    return evaluate(poses, ground_truth, stamps_ns=stamps_ns)
+    return evaluate(ContinuousPoses.of(trajectory), ground_truth, step=STEP)

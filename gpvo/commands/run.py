@@ -22,8 +22,8 @@ from gpvo.commands.inputs import (
     console,
     load_ground_truth,
 )
-from gpvo.commands.live_trajectory import LiveFile
-from gpvo.commands.progress import RunProgress
+from gpvo.commands.live_trajectory import live_file
+from gpvo.commands.progress import run_progress
 from gpvo.commands.result import FILES, Result, evaluate_trajectory
 from gpvo.config import Configuration
 from gpvo.evaluation.report.machine import machine_text
@@ -88,13 +88,13 @@ def run_and_write(
     folder = make_folder(folder, FILES)
     meter = CostMeter()
     odometry = Odometry(recording.rig, configuration, meter.stage)
-    live = LiveFile(folder / "trajectory.tum", odometry, recording.start_ns)
+    live = live_file(folder / "trajectory.tum", odometry, recording.start_ns)
     stop = min(start + duration, recording.duration)
-    with RunProgress(console, start, stop) as progress, live:
+    with run_progress(console, start, stop) as show, live as append_final:
 
         def advance(report: ClusterReport) -> None:
-            progress.advance(report)
-            live.append_final()
+            show(report)
+            append_final()
 
         trajectory = odometry.run(recording, start, duration, advance)
     events = sum(report.events for report in odometry.reports)

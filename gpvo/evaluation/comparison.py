@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -121,25 +121,25 @@ def compare(
     protocol = protocol or Protocol()
     offsets: dict[str, float] = {}
     if protocol.align_time:
-        for one in contenders:
-            offsets[one.name] = find_time_offset(one.estimate, one.ground_truth)
+        offsets = {one.name: find_time_offset(one.estimate, one.ground_truth) for one in contenders}
+    aligned = [one.later(offsets) for one in contenders]
+    first = aligned[0].estimate
     return Comparison(
         sequence,
-        [_evaluate(contender, protocol, offsets) for contender in contenders],
+        [_evaluate(contender, protocol) for contender in aligned],
         protocol.describe(contenders),
         offsets,
-        _stretches(contenders[0], offsets),
+        weak_stretches(first.trajectory) if isinstance(first, ContinuousPoses) else [],
         list(published),
         {one.name: one.cost for one in contenders if one.cost is not None},
     )
 
 
-def _evaluate(contender: Contender, protocol: Protocol, offsets: Mapping[str, float]) -> Evaluation:
-    truth = contender.ground_truth
-    sampled = _asked_at(_stamps(contender, protocol, offsets), contender, offsets)
-    states = _later(contender.estimate, _offset_ns(contender, offsets))
+def _evaluate(contender: Contender, protocol: Protocol) -> Evaluation:
+    truth, states = contender.ground_truth, contender.estimate
+    sampled = _asked_at(_stamps(contender, protocol), contender)
     if contender.continuous:
-        states = _asked_at(truth.stamps_ns, contender, offsets)
+        states = _asked_at(truth.stamps_ns, contender)
     pair = protocol.pair(states, truth)
     if protocol.align_body != "none":
         T_truth_estimate = find_body_offset(*pair, lever_arm=protocol.align_body == "full")
@@ -157,43 +157,18 @@ def _evaluate(contender: Contender, protocol: Protocol, offsets: Mapping[str, fl
     )
 
 
-def _stamps(
-    contender: Contender, protocol: Protocol, offsets: Mapping[str, float]
-) -> NDArray[np.int64]:
-    """Return the stamps at which to compare, on the ground truth's clock."""
-    states = _later(contender.estimate, _offset_ns(contender, offsets))
-    other = contender.at_states_of
+def _stamps(contender: Contender, protocol: Protocol) -> NDArray[np.int64]:
+    """Return the stamps at which to compare."""
     if protocol.step is not None:
-        return common_stamps(states, contender.ground_truth, protocol.step)
-    if other is not None:
-        return other.estimate.stamps_ns + _offset_ns(other, offsets)
+        return common_stamps(contender.estimate, contender.ground_truth, protocol.step)
+    if contender.at_states_of is not None:
+        return contender.at_states_of.estimate.stamps_ns
     if contender.continuous:
-        return common_stamps(states, contender.ground_truth, STEP)
-    return states.stamps_ns
+        return common_stamps(contender.estimate, contender.ground_truth, STEP)
+    return contender.estimate.stamps_ns
 
 
-def _asked_at(
-    stamps_ns: NDArray[np.int64], contender: Contender, offsets: Mapping[str, float]
-) -> StampedPoses:
-    """Return the estimate at those stamps that both cover; stamps are on the truth's clock."""
-    offset_ns = _offset_ns(contender, offsets)
-    states = _later(contender.estimate, offset_ns)
-    inside_ns = common_part(stamps_ns, states, contender.ground_truth)
-    return _later(contender.estimate.interpolate(inside_ns - offset_ns), offset_ns)
-
-
-def _offset_ns(contender: Contender, offsets: Mapping[str, float]) -> int:
-    return round(1e9 * offsets.get(contender.name, 0.0))
-
-
-def _later(poses: StampedPoses, offset_ns: int) -> StampedPoses:
-    if offset_ns == 0:
-        return poses
-    return StampedPoses(poses.stamps_ns + offset_ns, poses.T_world_cam)
-
-
-def _stretches(contender: Contender, offsets: Mapping[str, float]) -> list[Stretch]:
-    if not isinstance(contender.estimate, ContinuousPoses):
-        return []
-    offset_ns = _offset_ns(contender, offsets)
-    return [stretch.later(offset_ns) for stretch in weak_stretches(contender.estimate.trajectory)]
+def _asked_at(stamps_ns: NDArray[np.int64], contender: Contender) -> StampedPoses:
+    """Return the estimate at those stamps that both cover."""
+    inside_ns = common_part(stamps_ns, contender.estimate, contender.ground_truth)
+    return contender.estimate.interpolate(inside_ns)

@@ -95,8 +95,8 @@ class Evaluation:
                 "rotation_integral_rad": self.global_error.motion["rotation"],
                 "global_error": self.global_error.to_dict(),
                 "relative_error": self.relative_error.to_dict(),
-                "ate": {method: error.to_dict() for method, error in self.ate.items()},
-                "rpe": {distance: error.to_dict() for distance, error in self.rpe.items()},
+                "ate": {method: asdict(error) for method, error in self.ate.items()},
+                "rpe": {distance: asdict(error) for distance, error in self.rpe.items()},
                 "segments": [asdict(segment) for segment in self.segments],
             }
         )

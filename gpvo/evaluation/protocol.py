@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -114,6 +114,15 @@ class Contender:
     ground_truth: StampedPoses
     at_states_of: Contender | None = None
     cost: Cost | None = None
+
+    def later(self, offsets: Mapping[str, float]) -> Contender:
+        """Return the same with seconds, by name, added to the estimates' stamps."""
+        other = self.at_states_of
+        return replace(
+            self,
+            estimate=self.estimate.later(round(1e9 * offsets.get(self.name, 0.0))),
+            at_states_of=None if other is None else other.later(offsets),
+        )
 
     @property
     def continuous(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -134,15 +134,10 @@ class SimulatedRecording(Recording):
         write_camchain(folder / f"camchain-{name}.yaml", self.rig)
 
 
-def simulate(
-    config: SimulationConfig,
-    progress: Callable[[float], None] | None = None,
-    motion: Motion | None = None,
-) -> SimulatedRecording:
+def simulate(config: SimulationConfig, motion: Motion | None = None) -> SimulatedRecording:
     """Simulate a stereo recording; the same input gives the same recording, bit for bit.
 
-    `progress`, if given, is called with the finished part, from 0 to 1. `motion`, if given,
-    replaces the random one, in a room as large as it needs.
+    `motion`, if given, replaces the random one, in a room as large as it needs.
     """
     seeds = np.random.SeedSequence(config.seed).spawn(4)
     scene_rng, motion_rng, *sensor_rngs = map(np.random.default_rng, seeds)
@@ -156,13 +151,8 @@ def simulate(
     poses = motion.pose(times)
     cameras = (poses, sensor_rngs[0]), (poses @ T_left_right, sensor_rngs[1])
     sides = [simulate_events(scene, sensor, times, seen, rng) for seen, rng in cameras]
-    steps = []
-    with ThreadPoolExecutor(len(sides)) as pool:  # both cameras at once, frame by frame
-        for number in range(1, len(times)):
-            steps.append(tuple(pool.map(next, sides)))
-            if progress is not None:
-                progress(number / (len(times) - 1))
-    left, right = (Events.concatenate(stream) for stream in zip(*steps, strict=True))
+    with ThreadPoolExecutor(len(sides)) as pool:  # both cameras at once
+        left, right = pool.map(Events.concatenate, sides)
     return _recording(config, scene, motion, left, right)
 
 

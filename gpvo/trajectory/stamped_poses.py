@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -121,6 +121,10 @@ class StampedPoses:
                 f" {seconds_text(self.stamps_ns[-1])} s, not {seconds_text(query.min())} to"
                 f" {seconds_text(query.max())} s"
             )
+
+    def later(self, offset_ns: int) -> StampedPoses:
+        """Return the same poses on a clock that is ahead by an offset, nanoseconds."""
+        return replace(self, stamps_ns=self.stamps_ns + offset_ns)
 
     def seen_from(self, T_cam_body: NDArray[np.float64]) -> StampedPoses:
         """Return T_world_body of a body that is fixed to the camera, given T_cam_body (4, 4)."""

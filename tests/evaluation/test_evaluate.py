@@ -1,6 +1,7 @@
 """The whole evaluation: known reference numbers, sampling, tables and JSON."""
 
 import json
+from dataclasses import asdict
 from io import StringIO
 
 import numpy as np
@@ -79,7 +80,7 @@ def test_json_holds_what_the_evaluation_holds(random_walk):
     numbers = json.loads(evaluation.to_json())
     assert numbers["name"] == "ours"
     for part in COMPONENTS:
-        expected = evaluation.relative_error.statistics(part).to_dict()
+        expected = asdict(evaluation.relative_error.statistics(part))
         assert numbers["relative_error"][part] == pytest.approx(expected)
     assert evaluation.to_json() == evaluate(random_walk(1), random_walk(2), name="ours").to_json()
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.report.weak_stretches import weak_stretches
 from gpvo.trajectory import Trajectory
 
@@ -31,6 +32,6 @@ def test_even_states_are_not_weak():
 
 
 def test_a_stretch_moves_with_the_clock():
-    (gap,) = weak_stretches(trajectory_with_states_at(np.array([0.0, 0.05, 0.6, 0.65])))
-    moved = gap.later(1000)
+    poses = ContinuousPoses.of(trajectory_with_states_at(np.array([0.0, 0.05, 0.6, 0.65])))
+    (gap,), (moved,) = (weak_stretches(one.trajectory) for one in (poses, poses.later(1000)))
     assert (moved.start_ns - gap.start_ns, moved.stop_ns - gap.stop_ns) == (1000, 1000)

@@ -114,12 +114,6 @@ def test_batches_hold_every_event_once(recording: SimulatedRecording) -> None:
     assert sum(len(batch.left) for batch in part) == len(recording.left.between(0.1, 0.15))
 
 
-def test_progress_goes_from_0_to_1() -> None:
-    heard: list[float] = []
-    simulate(changed(duration=0.05), heard.append)
-    assert (np.diff(heard) > 0).all() and 0 < heard[0] < 0.5 and heard[-1] == 1.0
-
-
 def test_mvsec_files_give_the_recording_back(recording: SimulatedRecording, tmp_path: Path) -> None:
     recording.write_mvsec(tmp_path)
     name = recording.path.name

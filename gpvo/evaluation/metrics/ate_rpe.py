@@ -38,11 +38,6 @@ class TrajectoryError:
             Statistics.of(distances), Statistics.of(rotation_angles(T_error)), scale
         )
 
-    def to_dict(self) -> dict[str, object]:
-        """Return plain numbers by name."""
-        parts = {"translation": self.translation.to_dict(), "rotation": self.rotation.to_dict()}
-        return {**parts, "scale": self.scale}
-
 
 def rotation_angles(transforms: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rotation angles (N,) of transforms (N, 4, 4), radians."""

@@ -106,10 +106,6 @@ class PaperStatistics:
     rms: float
     std: float
 
-    def to_dict(self) -> dict[str, float]:
-        """Return plain numbers by name."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, eq=False)
 class PoseErrors:
@@ -149,4 +145,4 @@ class PoseErrors:
 
     def to_dict(self) -> dict[str, dict[str, float]]:
         """Return the statistics of every component as plain numbers."""
-        return {component: self.statistics(component).to_dict() for component in COMPONENTS}
+        return {component: asdict(self.statistics(component)) for component in COMPONENTS}

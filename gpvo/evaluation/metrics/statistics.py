@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,3 @@ class Statistics:
             max=float(errors.max()),
             count=len(errors),
         )
-
-    def to_dict(self) -> dict[str, float]:
-        """Return plain numbers by name."""
-        return asdict(self)

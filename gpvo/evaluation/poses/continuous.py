@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,11 @@ class ContinuousPoses(StampedPoses):
         """Return the poses at a trajectory's states."""
         poses = trajectory.stamped_poses()
         return ContinuousPoses(poses.stamps_ns, poses.T_world_cam, trajectory)
+
+    def later(self, offset_ns: int) -> ContinuousPoses:
+        """Return the same trajectory on a clock that is ahead by an offset, nanoseconds."""
+        start_ns = self.trajectory.start_ns + offset_ns
+        return ContinuousPoses.of(replace(self.trajectory, start_ns=start_ns))
 
     def interpolate(self, stamps_ns: ArrayLike) -> StampedPoses:
         """Return the poses of the trajectory's own Gaussian process at increasing stamps.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,6 @@ class Stretch:
     stop_ns: int
     label: str
     colour: str = "#999999"
-
-    def later(self, offset_ns: int) -> Stretch:
-        """Return the same stretch on another clock."""
-        return replace(self, start_ns=self.start_ns + offset_ns, stop_ns=self.stop_ns + offset_ns)
 
 
 def weak_stretches(trajectory: Trajectory) -> list[Stretch]:
