@@ -3,9 +3,12 @@
 from factors import lie
 from factors.constant_velocity import EuclideanVelocityFactor, ReprojectionVelocityFactor
 from factors.factor import Factor, check_values, original
+from factors.inner_factor import ErrorFunction
+from factors.interpolated import InterpolatedFactor
 from factors.interpolated_stereo import InterpolatedStereoFactor
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.linear_states import LinearStatesFactor
+from factors.points import PointToPlaneFactor, PointToPointFactor
 from factors.saving import from_dict, to_dict
 from factors.solver import optimize
 from factors.stereo import StereoCamera, StereoReprojectionFactor
@@ -25,13 +28,17 @@ from factors.wnoa import (
 )
 
 __all__ = [
+    "ErrorFunction",
     "EuclideanVelocityFactor",
     "Factor",
+    "InterpolatedFactor",
     "InterpolatedState",
     "InterpolatedStereoFactor",
     "LandmarkPrior",
     "LinearStatesFactor",
     "Marginal",
+    "PointToPlaneFactor",
+    "PointToPointFactor",
     "ReprojectionVelocityFactor",
     "StatesBetween",
     "StereoCamera",

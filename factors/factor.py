@@ -17,7 +17,7 @@ import numpy as np
 from factors.kernels import Array
 from factors.variables import Variable, checked_keys, fault_of
 
-Evaluate = Callable[[gtsam.Values, gtsam.JacobianVector | None], Array]
+Evaluate = Callable[[gtsam.Values, Any], Array]
 """Returns the error, and fills the Jacobians if there are any."""
 KeyFormatter = Callable[[SupportsInt | SupportsIndex], str]
 Number = SupportsFloat | SupportsIndex
@@ -81,6 +81,11 @@ class Factor(Described, gtsam.CustomFactor):
     arguments
         What the constructor of the class takes to make the same factor again.
 
+    Attributes
+    ----------
+    evaluate
+        The error function, for factors that hold this one.
+
     Raises
     ------
     ValueError
@@ -105,6 +110,7 @@ class Factor(Described, gtsam.CustomFactor):
     ) -> None:
         self._describe(arguments)
         make = partial(type(self), **self._made_of)
+        self.evaluate = evaluate
         variables = list(variables)
         name = type(self).__name__
 
@@ -194,8 +200,10 @@ def _text(value: object) -> str:
     if isinstance(value, np.ndarray):
         text = np.array2string(value, precision=6, threshold=12, max_line_width=10**6)
         return text.replace("\n", "")
-    if isinstance(value, tuple) and len(value) == 3:  # a state, whose keys are printed before
-        return f"{value[2]:.6f} s"
+    if isinstance(value, tuple) and isinstance(
+        value[-1], float
+    ):  # a state, whose keys are printed before
+        return f"{value[-1]:.6f} s"
     if isinstance(value, list):
         return f"[{', '.join(map(_text, value))}]"
     return " ".join(repr(value).split())

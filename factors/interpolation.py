@@ -5,6 +5,7 @@ Section III-C.2 of Wang and Gammell; Barfoot, "State Estimation for Robotics", c
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -143,17 +144,40 @@ def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, q
 def _between(from_i: Array, to_j: Array, root: Array) -> Array:
     """Compute the covariance (n, 12, 12) of a state that two priors tie to states i and j.
 
-    The state is treated like one of the graph: QR of the whitened Jacobians yields its conditional
-    distribution given states i and j. Their joint covariance is given by its square root (n, 24,
-    24). The result is a sum of squares, so it is positive semidefinite.
+    Their joint covariance is given by its square root (n, 24, 24). The result is a sum of squares,
+    so it is positive semidefinite.
+    """
+    gain, own = _given_states(from_i, to_j)
+    return _sum_of_squares(gain @ root, own)
+
+
+def _given_states(from_i: Array, to_j: Array) -> tuple[Array, Array]:
+    """Compute the conditional distribution of a state given states i and j, from two priors.
+
+    The state is treated like one of the graph: QR of the whitened Jacobians yields its gain (n, 12,
+    24) and the square root (n, 12, 12) of its own covariance.
     """
     own = np.concatenate([from_i[..., 12:], to_j[..., :12]], axis=1)
     others = np.zeros((len(own), 24, 24))
     others[:, :12, :12], others[:, 12:, 12:] = from_i[..., :12], to_j[..., 12:]
     Q, R = np.linalg.qr(own)
     inverse = np.linalg.inv(R)
-    gain = inverse @ (np.swapaxes(Q, 1, 2) @ others)
-    return _sum_of_squares(gain @ root, inverse)
+    return inverse @ (np.swapaxes(Q, 1, 2) @ others), inverse
+
+
+def root_given_states(
+    ends: Sequence[Array], T: Array, v: Array, a: float, b: float, qc: Array
+) -> Array:
+    """Compute L (12, 12), LLᵀ the covariance of the state (T, v) given two states.
+
+    The states `ends`, T_i, v_i, T_j, v_j, are a seconds before it and b after it.
+    """
+    if a == 0 or b == 0:
+        return np.zeros((12, 12))
+    T_i, v_i, T_j, v_j = (np.ascontiguousarray(end)[None] for end in ends)
+    from_i = _whitened_prior(T_i, v_i, T[None], v[None], np.array([a]), qc)
+    to_j = _whitened_prior(T[None], v[None], T_j, v_j, np.array([b]), qc)
+    return _given_states(from_i, to_j)[1][0]
 
 
 def _square_root(covariance: Array) -> Array:

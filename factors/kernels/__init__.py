@@ -10,6 +10,7 @@ from factors.kernels.local_variables import (
     local_state_kernel,
     retract_kernel,
     rows_by_states_kernel,
+    state_between_kernel,
 )
 from factors.kernels.se3 import (
     LEFT,
@@ -50,4 +51,5 @@ __all__ = [
     "row_major_kernel",
     "rows_by_states_kernel",
     "se3_polynomial_kernel",
+    "state_between_kernel",
 ]

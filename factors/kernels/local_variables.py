@@ -18,10 +18,12 @@ from factors.kernels.se3 import (
     inner_kernel,
     inverse_coefficients_kernel,
     jacobian_coefficients_kernel,
+    kernel,
     log_kernel,
     multiply_kernel,
     polynomial_derivative_kernel,
     relative_kernel,
+    row_major_kernel,
     se3_polynomial_kernel,
 )
 
@@ -161,3 +163,50 @@ def rows_by_states_kernel(
                     weights[1, 0, 0] * by_states_j[k, j] + weights[1, 0, 1] * by_states_j[6 + k, j]
                 )
     return result
+
+
+@inner_kernel
+def retracted_jacobian_kernel(local: Array, by_local: Array) -> Array:
+    """Compute the Jacobian of the pose T_i Exp(xi) and the twist Jr(xi) w, (12, n).
+
+    `by_local` (12, n) is that of (xi, w), and the first six of the n columns are T_i's.
+    """
+    k = jacobian_coefficients_kernel(local, RIGHT)
+    jacobian = se3_polynomial_kernel(local, k)
+    twist_by_xi = polynomial_derivative_kernel(local, k, local[6:])
+    by_pose_i = backward_adjoint_kernel(local)
+    result = np.zeros((12, by_local.shape[1]))
+    for i in range(6):
+        for j in range(6):
+            result[i, j] = by_pose_i[i, j]
+        for k in range(6):
+            for j in range(by_local.shape[1]):
+                result[i, j] += jacobian[i, k] * by_local[k, j]
+                result[6 + i, j] += twist_by_xi[i, k] * by_local[k, j]
+                result[6 + i, j] += jacobian[i, k] * by_local[6 + k, j]
+    return result
+
+
+@kernel
+def state_between_kernel(
+    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: float, b: float, T: Array, v: Array
+) -> Array:
+    """Write the pose and the twist at the time a after state i and b before state j.
+
+    Returned is their Jacobian (12, 24) with respect to T_i, v_i, T_j, v_j.
+    """
+    T_i = row_major_kernel(T_i)
+    weights = hermite_weights(a, b)
+    local_j = local_state_kernel(T_i, row_major_kernel(T_j), v_j)
+    local = interpolated_local_kernel(v_i, local_j, weights)
+    retract_kernel(T_i, local, T, v)
+    by_states_j = local_jacobian_kernel(local_j, v_j, EXACT)
+    by_local = np.empty((12, 24))
+    for k in range(2):
+        for i in range(6):
+            for j in range(24):
+                by_local[6 * k + i, j] = (
+                    weights[1, k, 0] * by_states_j[i, j] + weights[1, k, 1] * by_states_j[6 + i, j]
+                )
+            by_local[6 * k + i, 6 + i] += weights[0, k, 1]
+    return retracted_jacobian_kernel(local, by_local)

@@ -53,7 +53,7 @@ def derivative(
     function: Callable[[gtsam.Values], Array], values: gtsam.Values, key: int, step: float
 ) -> Array:
     """Numerical derivative by a variable of the values, to the fourth order in the step."""
-    size = 6 if values.exists(key) and key != L(0) else 3
+    size = len(values.zeroVectors().at(key))
 
     def at(i: int, h: float) -> Array:
         delta = gtsam.VectorValues()

@@ -18,7 +18,10 @@ from hypothesis import strategies as st
 
 from factors import (
     EuclideanVelocityFactor,
+    InterpolatedFactor,
     InterpolatedStereoFactor,
+    PointToPlaneFactor,
+    PointToPointFactor,
     ReprojectionVelocityFactor,
     StereoReprojectionFactor,
     StructurelessStereoFactor,
@@ -38,6 +41,13 @@ FACTORS: dict[str, Callable[[], Any]] = {
     "fast": lambda: EuclideanVelocityFactor([0, 0, 3], NOISE, V(0), [0, 0.1, 3], DT),
     "iterative": lambda: ReprojectionVelocityFactor(MEASURED, NOISE, V(0), [0, 0, 3], DT, CAMERA),
     "linear": lambda: LinearStatesFactor([X(0), V(0)], np.eye(4)[None], np.zeros((1, 6)), ROWS),
+    "interpolated": lambda: InterpolatedFactor(
+        gtsam.RangeFactor3D(0, L(0), 2.0, gtsam.noiseModel.Unit.Create(1)), *STATES, 0.04, qc=QC
+    ),
+    "point": lambda: PointToPointFactor([0, 0.1, 3], L(0), NOISE, X(0)),
+    "plane": lambda: PointToPlaneFactor(
+        [0, 0.1, 3], [0, 0, 1], 3.0, gtsam.noiseModel.Unit.Create(1), X(0)
+    ),
     "structureless": lambda: StructurelessStereoFactor(
         [MEASURED] * 3, [0.01, 0.02, 0.05], 0, NOISE, STATES, CAMERA
     ),
@@ -63,8 +73,8 @@ def test_a_value_of_another_size_is_an_error_that_names_it(name: str, size: int)
         fault = f"{gtsam.DefaultKeyFormatter(key)} .* must be .* not a (vector|Point).*"
         if gtsam.Symbol(key).chr() == ord("l") and size == 3:
             continue
-        if isinstance(factor, gtsam.GenericStereoFactor3D):
-            fault = "retrieve"  # GTSAM's own factor, and GTSAM's message
+        if isinstance(factor, gtsam.GenericStereoFactor3D) or name == "interpolated":
+            fault = "(retrieve|must be)"  # GTSAM's own factor, and GTSAM's message
         for use in (factor.error, factor.linearize, factor.whitenedError):
             with pytest.raises((ValueError, RuntimeError), match=fault):
                 use(values_of({key: size}))

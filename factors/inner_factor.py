@@ -1,0 +1,124 @@
+"""The error and the Jacobians of any factor without its noise, for factors that hold others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import gtsam
+import numpy as np
+
+from factors.factor import Evaluate, Factor, original
+from factors.kernels import Array
+from factors.variables import Kind
+
+
+class ErrorFunction(NamedTuple):
+    """An error function of your own, with what gtsam.CustomFactor takes to make a factor of it.
+
+    Attributes
+    ----------
+    model
+        Noise model of the error.
+    keys
+        What it reads.
+    error
+        Called as error(None, values, jacobians). It returns the error (m,) and, unless jacobians is
+        None, sets jacobians[k] to the Jacobian (m, n) with respect to the k-th key: of a pose
+        perturbed on the right.
+    """
+
+    model: gtsam.noiseModel.Base
+    keys: Sequence[int]
+    error: Callable[[Any, gtsam.Values, list[Array] | None], Array]
+
+
+InnerFactor = gtsam.NoiseModelFactor | ErrorFunction
+
+
+def parts_of(inner: InnerFactor) -> tuple[gtsam.noiseModel.Base, list[int], Evaluate]:
+    """Return the noise model, the keys and the error function of a factor of any kind.
+
+    Raises
+    ------
+    ValueError
+        If it is a gtsam.CustomFactor, of which GTSAM does not tell the error function, or no
+        factor with a noise model.
+    """
+    if isinstance(inner, ErrorFunction):
+        return inner.model, [int(key) for key in inner.keys], _of_function(inner.error)
+    ours = original(inner) if isinstance(inner, gtsam.Factor) else None
+    if isinstance(ours, Factor):
+        return ours.noiseModel(), list(ours.keys()), ours.evaluate
+    if isinstance(inner, gtsam.CustomFactor):
+        raise ValueError("inner must not be a CustomFactor: give its parts as an ErrorFunction")
+    if not isinstance(inner, gtsam.NoiseModelFactor):
+        raise ValueError(f"inner must be a factor or an ErrorFunction, not {type(inner).__name__}")
+    return inner.noiseModel(), list(inner.keys()), _of_native(inner)
+
+
+def _of_function(error: Callable[[Any, gtsam.Values, Any], Array]) -> Evaluate:
+    return lambda values, jacobians: error(None, values, jacobians)
+
+
+def _of_native(inner: gtsam.NoiseModelFactor) -> Evaluate:
+    """Linearise with unit noise: what is whitened is then the error itself."""
+    unit = inner.cloneWithNewNoiseModel(gtsam.noiseModel.Unit.Create(inner.dim()))
+    keys = list(inner.keys())
+    name = f"{type(inner).__name__} on {' '.join(map(gtsam.DefaultKeyFormatter, keys))}"
+
+    def evaluate(values: gtsam.Values, jacobians: Any) -> Array:
+        try:
+            if jacobians is None:
+                return np.asarray(unit.unwhitenedError(values))
+            A, b = unit.linearize(values).jacobian()
+        except RuntimeError as failure:
+            raise ValueError(f"{name}: {failure}") from failure
+        zeros = values.zeroVectors()
+        ends = np.cumsum([len(zeros.at(key)) for key in keys])
+        jacobians[:] = np.split(A, ends[:-1], axis=1)
+        return -np.asarray(b)
+
+    return evaluate
+
+
+class CopiedValue:
+    """Copies the value at a key from values to others, whatever its type."""
+
+    def __init__(self) -> None:
+        self._read: Callable[[gtsam.Values, int], Any] = gtsam.Values.atVector
+
+    def read(self, values: gtsam.Values, key: int) -> Any:
+        """Read the value; its type is found out once."""
+        try:
+            return self._read(values, key)
+        except RuntimeError:
+            pass
+        for reader in _READERS:
+            try:
+                found = reader(values, key)
+            except RuntimeError:
+                continue
+            self._read = reader
+            return found
+        raise ValueError("a value of a type that GTSAM cannot read in Python")
+
+    def copy(self, values: gtsam.Values, key: int, to: gtsam.Values) -> None:
+        """Copy the value at the key."""
+        value = self.read(values, key)
+        if self._read is gtsam.Values.atPoint3:
+            to.insertPoint3(key, value)
+        else:
+            to.insert(key, value)
+
+
+_FIRST = [gtsam.Values.atPose3, gtsam.Values.atVector, gtsam.Values.atPoint3]
+_READERS: list[Callable[[gtsam.Values, int], Any]] = [
+    *_FIRST,
+    *(
+        reader
+        for name, reader in vars(gtsam.Values).items()
+        if name.startswith("at") and reader not in _FIRST
+    ),
+]
+ANY = Kind("a value that GTSAM can read in Python", CopiedValue().read)
