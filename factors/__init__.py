@@ -3,6 +3,8 @@
 from factors import lie
 from factors.constant_velocity import EuclideanVelocityFactor, ReprojectionVelocityFactor
 from factors.factor import Factor, check_values, original
+from factors.gaussian_process import Derivatives, GaussianProcess
+from factors.incremental import isam2_parameters
 from factors.inner_factor import ErrorFunction
 from factors.interpolated import InterpolatedFactor
 from factors.interpolated_stereo import InterpolatedStereoFactor
@@ -28,9 +30,11 @@ from factors.wnoa import (
 )
 
 __all__ = [
+    "Derivatives",
     "ErrorFunction",
     "EuclideanVelocityFactor",
     "Factor",
+    "GaussianProcess",
     "InterpolatedFactor",
     "InterpolatedState",
     "InterpolatedStereoFactor",
@@ -49,6 +53,7 @@ __all__ = [
     "extrapolate",
     "from_dict",
     "interpolate",
+    "isam2_parameters",
     "lie",
     "marginalize",
     "optimize",

@@ -66,6 +66,7 @@ def _of_native(inner: gtsam.NoiseModelFactor) -> Evaluate:
     unit = inner.cloneWithNewNoiseModel(gtsam.noiseModel.Unit.Create(inner.dim()))
     keys = list(inner.keys())
     name = f"{type(inner).__name__} on {' '.join(map(gtsam.DefaultKeyFormatter, keys))}"
+    columns: list[slice] = []  # of each key, once the sizes of the values are known
 
     def evaluate(values: gtsam.Values, jacobians: Any) -> Array:
         try:
@@ -74,10 +75,12 @@ def _of_native(inner: gtsam.NoiseModelFactor) -> Evaluate:
             A, b = unit.linearize(values).jacobian()
         except RuntimeError as failure:
             raise ValueError(f"{name}: {failure}") from failure
-        zeros = values.zeroVectors()
-        ends = np.cumsum([len(zeros.at(key)) for key in keys])
-        jacobians[:] = np.split(A, ends[:-1], axis=1)
-        return -np.asarray(b)
+        if not columns:
+            zeros = values.zeroVectors()
+            ends = np.cumsum([0, *(len(zeros.at(key)) for key in keys)]).tolist()
+            columns.extend(map(slice, ends[:-1], ends[1:]))
+        jacobians[:] = [A[:, of_key] for of_key in columns]
+        return -b
 
     return evaluate
 

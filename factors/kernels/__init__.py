@@ -3,6 +3,7 @@
 from factors.kernels.local_variables import (
     EXACT,
     FIRST_ORDER,
+    extrapolated_jacobian_kernel,
     hermite_weights,
     interpolated_local_kernel,
     local_blocks_kernel,
@@ -37,6 +38,7 @@ __all__ = [
     "copy_columns_kernel",
     "copy_kernel",
     "exp_kernel",
+    "extrapolated_jacobian_kernel",
     "hermite_weights",
     "inner_kernel",
     "interpolated_local_kernel",

@@ -210,3 +210,13 @@ def state_between_kernel(
                 )
             by_local[6 * k + i, 6 + i] += weights[0, k, 1]
     return retracted_jacobian_kernel(local, by_local)
+
+
+@kernel
+def extrapolated_jacobian_kernel(v: Array, dt: float) -> Array:
+    """Compute the Jacobian of the state dt seconds after (T, v) at constant twist, (12, 12)."""
+    local, by_local = np.empty(12), np.zeros((12, 12))
+    for i in range(6):
+        local[i], local[6 + i] = dt * v[i], v[i]
+        by_local[i, 6 + i], by_local[6 + i, 6 + i] = dt, 1.0
+    return retracted_jacobian_kernel(local, by_local)
