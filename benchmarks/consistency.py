@@ -12,10 +12,10 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from benchmarks.simulated_tracklets import TrackletSimulation
 from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.estimator import make_estimator, one_blas_thread
 from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
-from gpvo.simulation.tracklets import TrackletSimulation
 
 Array = NDArray[np.float64]
 DURATION = 0.75

@@ -12,11 +12,11 @@ import numpy as np
 from gtsam.symbol_shorthand import L, V, X
 from numpy.typing import NDArray
 
+from benchmarks.simulated_tracklets import TrackletSimulation
 from factors import InterpolatedStereoFactor, StereoCamera, WnoaPriorFactor
 from factors.lie import se3_inverse, se3_log
 from gpvo.config import NoiseConfig
 from gpvo.mc_ransac import VelocityFit
-from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.tracking import Measurements
 from gpvo.trajectory import States
 

@@ -23,6 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.reference_smoother import ReferenceSmoother, long_tracks, position_errors
+from benchmarks.simulated_tracklets import TrackletSimulation
 from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
 from gpvo.config import Configuration, EstimatorConfig, NoiseConfig, load_configuration
@@ -31,7 +32,6 @@ from gpvo.events import cluster_events
 from gpvo.mc_ransac import VelocityFit
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
-from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.tracking import Measurements
 from gpvo.trajectory import States, Trajectory
 

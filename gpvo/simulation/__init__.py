@@ -1,6 +1,7 @@
 """Simulated stereo event recordings with exact ground truth: see `recording.simulate`."""
 
-from gpvo.simulation.recording import SimulatedRecording, SimulationConfig, simulate
+from gpvo.simulation.config import SimulationConfig
+from gpvo.simulation.recording import SimulatedRecording, simulate
 
 __all__ = [
     "SimulatedRecording",

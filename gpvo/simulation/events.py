@@ -7,7 +7,6 @@ frames, and the spacing of the frames follows the image motion.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from gpvo.recordings import Events
+from gpvo.simulation.config import SimulationConfig
 from gpvo.simulation.motion import Motion
 from gpvo.simulation.scene import Scene, pixel_grid, pixel_rays
 
@@ -24,62 +24,23 @@ _LONGEST_STEP = 0.010
 """Seconds between frames of a camera that hardly moves."""
 
 
-@dataclass(frozen=True, eq=False)
-class Sensor:
-    """An ideal pinhole event camera.
-
-    Attributes
-    ----------
-    resolution
-        (width, height) in pixels.
-    K
-        (3, 3) pinhole intrinsics.
-    threshold, threshold_sigma
-        Mean and standard deviation over the pixels of the change of log intensity that triggers an
-        event.
-    refractory_period
-        Seconds that a pixel is silent after an event.
-    noise_rate
-        Random events per pixel and second.
-    """
-
-    resolution: tuple[int, int]
-    K: Array
-    threshold: float
-    threshold_sigma: float
-    refractory_period: float
-    noise_rate: float
-
-    @property
-    def pixels(self) -> int:
-        """Number of pixels."""
-        return self.resolution[0] * self.resolution[1]
-
-    def draw_thresholds(self, rng: np.random.Generator) -> Array:
-        """Draw OFF and ON thresholds (2, pixels), at least a tenth of their mean."""
-        drawn = rng.normal(self.threshold, self.threshold_sigma, (2, self.pixels))
-        return np.maximum(drawn, 0.1 * self.threshold)
-
-
-def frame_times(
-    scene: Scene, motion: Motion, sensor: Sensor, duration: float, pixels_per_frame: float
-) -> Array:
-    """Return frame times from 0 to `duration`, seconds.
+def frame_times(scene: Scene, motion: Motion, config: SimulationConfig) -> Array:
+    """Return frame times from 0 to the motion's duration, seconds.
 
     Between frames, image points move by about `pixels_per_frame` at most. The image motion is that
     of a coarse grid of pixels at their exact depths.
     """
-    width, height = sensor.resolution
+    (width, height), duration = config.resolution, config.duration
     pixels = pixel_grid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 7))
-    rays, f = pixel_rays(pixels, sensor.K), sensor.K[0, 0]
+    rays, f = pixel_rays(pixels, config.rig.K_rect), config.focal_length
     ticks = np.linspace(0.0, duration, int(np.ceil(duration / _LONGEST_STEP)) + 1)
     speeds = []
     for pose, twist in zip(motion.pose(ticks), motion.twist(ticks), strict=True):
         _, depth = scene.look(rays, 1.0 / f, pose)
         speeds.append(f * _image_speed(rays, depth, twist).max())
-    slowest = pixels_per_frame / _LONGEST_STEP
+    slowest = config.pixels_per_frame / _LONGEST_STEP
     path = cumulative_trapezoid(np.maximum(speeds, slowest), ticks, initial=0.0)
-    frames = int(np.ceil(path[-1] / pixels_per_frame)) + 1
+    frames = int(np.ceil(path[-1] / config.pixels_per_frame)) + 1
     return np.interp(np.linspace(0.0, path[-1], frames), path, ticks)
 
 
@@ -93,39 +54,45 @@ def _image_speed(rays: Array, depth: Array, twist: Array) -> Array:
 
 def simulate_events(
     scene: Scene,
-    sensor: Sensor,
+    config: SimulationConfig,
     times: Array,
     poses: Array,
     rng: np.random.Generator,
 ) -> Iterator[Events]:
     """Yield the events between consecutive frames at times (N,), seconds.
 
-    The sensor is at the poses T_world_cam (N, 4, 4). Times of events are whole microseconds.
+    The camera is at the poses T_world_cam (N, 4, 4). Times of events are whole microseconds.
     """
-    width, height = sensor.resolution
-    rays = pixel_rays(pixel_grid(np.arange(float(width)), np.arange(float(height))), sensor.K)
-    pixel_angle = 1.0 / sensor.K[0, 0]
-    thresholds = sensor.draw_thresholds(rng)
+    width, height = config.resolution
+    pixels = pixel_grid(np.arange(float(width)), np.arange(float(height)))
+    rays, pixel_angle = pixel_rays(pixels, config.rig.K_rect), 1.0 / config.focal_length
+    thresholds = _thresholds(config, rng)
     before, _ = scene.look(rays, pixel_angle, poses[0])
-    reference, last = before.astype(np.float64), np.full(sensor.pixels, -np.inf)
+    reference, last = before.astype(np.float64), np.full(config.pixels, -np.inf)
     for start, stop, pose in zip(times[:-1], times[1:], poses[1:], strict=True):
         now, _ = scene.look(rays, pixel_angle, pose)
-        bound = sensor.pixels + int(np.abs(now - reference).sum() / thresholds.min())
+        bound = config.pixels + int(np.abs(now - reference).sum() / thresholds.min())
         pixel, t, on = np.empty(bound, np.int64), np.empty(bound), np.empty(bound, np.bool_)
-        period = sensor.refractory_period
+        period = config.refractory_period
         n = _cross(before, now, start, stop, thresholds, period, reference, last, pixel, t, on)
-        noise = _noise(sensor, start, stop, rng)
+        noise = _noise(config, start, stop, rng)
         parts = zip((pixel[:n], t[:n], on[:n]), noise, strict=True)
         yield _in_order(width, *(np.concatenate(part) for part in parts))
         before = now
 
 
+def _thresholds(config: SimulationConfig, rng: np.random.Generator) -> Array:
+    """Draw OFF and ON thresholds (2, pixels), at least a tenth of their mean."""
+    drawn = rng.normal(config.threshold, config.threshold_sigma, (2, config.pixels))
+    return np.maximum(drawn, 0.1 * config.threshold)
+
+
 def _noise(
-    sensor: Sensor, start: float, stop: float, rng: np.random.Generator
+    config: SimulationConfig, start: float, stop: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
     """Draw pixels, times and polarities of the background noise in [start, stop)."""
-    n = rng.poisson(sensor.noise_rate * sensor.pixels * (stop - start))
-    return rng.integers(sensor.pixels, size=n), rng.uniform(start, stop, n), rng.random(n) < 0.5
+    n = rng.poisson(config.noise_rate * config.pixels * (stop - start))
+    return rng.integers(config.pixels, size=n), rng.uniform(start, stop, n), rng.random(n) < 0.5
 
 
 def _in_order(width: int, pixel: NDArray[np.int64], t: Array, on: NDArray[np.bool_]) -> Events:

@@ -6,20 +6,18 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from gpvo.config import StageConfig
-from gpvo.recordings import Camera, Events, Recording, StereoEvents, StereoRig
+from gpvo.recordings import Events, Recording, StereoEvents, StereoRig
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.writing.hdf5 import MvsecWriter
 from gpvo.recordings.writing.writer import stamped, write_camchain
-from gpvo.simulation.events import Sensor, frame_times, simulate_events
-from gpvo.simulation.motion import CORRIDOR_SPEED, Motion, MotionName
+from gpvo.simulation.config import SimulationConfig
+from gpvo.simulation.events import frame_times, simulate_events
+from gpvo.simulation.motion import Motion
 from gpvo.simulation.scene import Scene
 from gpvo.trajectory import StampedPoses
 
@@ -29,66 +27,7 @@ START_NS = 1_000_000_000_000
 GROUND_TRUTH_RATE = 200
 """Number of poses per second."""
 
-Size = Annotated[int, Field(ge=1, le=65535)]
-"""A width or height, pixels; columns and rows are uint16."""
-
 _BATCH = 0.1
-
-
-class SimulationConfig(StageConfig):
-    """A simulated stereo recording; the default is a handheld camera in a small room."""
-
-    seed: int = Field(0, ge=0, description="Seed of the scene, the motion and the sensors.")
-    motion: MotionName = Field("hand_held", description="How the camera moves.")
-    duration: float = Field(3.0, gt=0, description="Duration of the motion, seconds.")
-    resolution: tuple[Size, Size] = Field((346, 260), description="Width and height, pixels.")
-    focal_length: float = Field(226.0, gt=0, description="Of both cameras, pixels.")
-    baseline: float = Field(0.10, gt=0, description="Distance of the cameras, metres.")
-    boxes: int = Field(5, ge=0, description="Boxes in the room.")
-    threshold: float = Field(
-        0.25, gt=0, description="Change of log intensity that makes an event, both polarities."
-    )
-    threshold_sigma: float = Field(
-        0.03, ge=0, description="Standard deviation of the threshold over the pixels."
-    )
-    refractory_period: float = Field(
-        0.001, ge=0, description="How long a pixel is silent after an event, seconds."
-    )
-    noise_rate: float = Field(0.0, ge=0, description="Random events per pixel and second.")
-    pixels_per_frame: float = Field(
-        0.5, gt=0, description="Image motion between rendered frames, pixels."
-    )
-
-    @property
-    def rig(self) -> StereoRig:
-        """The ideal rig: no distortion, and the right camera along x of the left one."""
-        width, height = self.resolution
-        centre = ((width - 1) / 2, (height - 1) / 2)
-        intrinsics = np.array([self.focal_length, self.focal_length, *centre])
-        camera = Camera(self.resolution, intrinsics, "none", np.zeros(4), np.eye(3))
-        return StereoRig(camera, camera, self.focal_length, centre, self.baseline)
-
-    @property
-    def sensor(self) -> Sensor:
-        """The sensor of both cameras."""
-        return Sensor(
-            self.resolution,
-            self.rig.K_rect,
-            self.threshold,
-            self.threshold_sigma,
-            self.refractory_period,
-            self.noise_rate,
-        )
-
-    @property
-    def room(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lowest and highest corner (2, 3) of the room and of the part kept clear, metres."""
-        half, clear = np.array([3.0, 2.5, 1.5]), np.array([1.3, 1.6, 1.1])
-        way = np.zeros(3)
-        if self.motion == "corridor":
-            half, clear = np.array([3.0, 1.2, 1.2]), np.array([1.5, 0.6, 0.6])
-            way[0] = CORRIDOR_SPEED * self.duration
-        return np.stack([-half, half + way]), np.stack([-clear, clear + way])
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,13 +83,12 @@ def simulate(config: SimulationConfig, motion: Motion | None = None) -> Simulate
     room = config.room if motion is None else room_around(motion, config.duration)
     scene = Scene.random(*room, config.boxes, scene_rng)
     motion = motion or Motion.random(config.motion, config.duration, motion_rng)
-    sensor = config.sensor
-    times = frame_times(scene, motion, sensor, config.duration, config.pixels_per_frame)
+    times = frame_times(scene, motion, config)
     T_left_right = np.eye(4)
     T_left_right[0, 3] = config.baseline
     poses = motion.pose(times)
     cameras = (poses, sensor_rngs[0]), (poses @ T_left_right, sensor_rngs[1])
-    sides = [simulate_events(scene, sensor, times, seen, rng) for seen, rng in cameras]
+    sides = [simulate_events(scene, config, times, seen, rng) for seen, rng in cameras]
     with ThreadPoolExecutor(len(sides)) as pool:  # both cameras at once
         left, right = pool.map(Events.concatenate, sides)
     return _recording(config, scene, motion, left, right)

@@ -7,10 +7,10 @@ import pytest
 from runs import POINTS, estimate, fed
 from synthetic import tracklets
 
+from benchmarks.simulated_tracklets import TrackletSimulation
 from gpvo.config import EstimatorConfig
 from gpvo.estimator import make_estimator
 from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
-from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.trajectory import CovarianceKnots
 
 

@@ -22,6 +22,7 @@ from runs import (
 )
 from synthetic import CAMERA, TWIST, constant_velocity, tracklets
 
+from benchmarks.simulated_tracklets import TrackletSimulation
 from factors import LandmarkPrior, LinearStatesFactor, StructurelessStereoFactor
 from factors.lie import se3_inverse, se3_log
 from gpvo.config import EstimatorConfig, NoiseConfig
@@ -29,7 +30,6 @@ from gpvo.estimator import FixedLagSmoother
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate
 from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
-from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.tracking import Measurements
 from gpvo.trajectory import States
 

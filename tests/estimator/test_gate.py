@@ -7,10 +7,10 @@ import pytest
 from runs import METHODS, POINTS, fed, make, regular
 from synthetic import TWIST, tracklets
 
+from benchmarks.simulated_tracklets import TrackletSimulation
 from factors import StructurelessStereoFactor
 from gpvo.config import EstimatorConfig
 from gpvo.estimator import make_estimator
-from gpvo.simulation.tracklets import TrackletSimulation
 
 INTERVALS = (0.0, 0.025)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.simulated_tracklets import TrackletSimulation
 from gpvo.config import NoiseConfig
 from gpvo.errors import InputError
 from gpvo.estimator.noise_learning import (
@@ -13,7 +14,6 @@ from gpvo.estimator.noise_learning import (
     states_of_poses,
     tuned_noise,
 )
-from gpvo.simulation.tracklets import TrackletSimulation
 from gpvo.tracking import Measurements
 from gpvo.trajectory import States
 

@@ -16,7 +16,7 @@ def test_image_points_move_less_than_the_step_between_frames(name: MotionName) -
     config = SimulationConfig(motion=name, duration=0.8)
     scene = Scene.random(*config.room, config.boxes, np.random.default_rng(1))
     motion = Motion.random(name, config.duration, np.random.default_rng(2))
-    times = frame_times(scene, motion, config.sensor, config.duration, config.pixels_per_frame)
+    times = frame_times(scene, motion, config)
     assert times[0] == 0.0 and times[-1] == config.duration
     assert (np.diff(times) > 0.0).all() and np.diff(times).max() < 0.0101
 

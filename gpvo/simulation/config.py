@@ -1,0 +1,65 @@
+"""What is simulated: the room, the motion and the cameras."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from gpvo.config import StageConfig
+from gpvo.recordings import Camera, StereoRig
+from gpvo.simulation.motion import CORRIDOR_SPEED, MotionName
+
+Size = Annotated[int, Field(ge=1, le=65535)]
+"""A width or height, pixels; columns and rows are uint16."""
+
+
+class SimulationConfig(StageConfig):
+    """A simulated stereo recording; the default is a handheld camera in a small room."""
+
+    seed: int = Field(0, ge=0, description="Seed of the scene, the motion and the sensors.")
+    motion: MotionName = Field("hand_held", description="How the camera moves.")
+    duration: float = Field(3.0, gt=0, description="Duration of the motion, seconds.")
+    resolution: tuple[Size, Size] = Field((346, 260), description="Width and height, pixels.")
+    focal_length: float = Field(226.0, gt=0, description="Of both cameras, pixels.")
+    baseline: float = Field(0.10, gt=0, description="Distance of the cameras, metres.")
+    boxes: int = Field(5, ge=0, description="Boxes in the room.")
+    threshold: float = Field(
+        0.25, gt=0, description="Change of log intensity that makes an event, both polarities."
+    )
+    threshold_sigma: float = Field(
+        0.03, ge=0, description="Standard deviation of the threshold over the pixels."
+    )
+    refractory_period: float = Field(
+        0.001, ge=0, description="How long a pixel is silent after an event, seconds."
+    )
+    noise_rate: float = Field(0.0, ge=0, description="Random events per pixel and second.")
+    pixels_per_frame: float = Field(
+        0.5, gt=0, description="Image motion between rendered frames, pixels."
+    )
+
+    @property
+    def rig(self) -> StereoRig:
+        """The ideal rig: no distortion, and the right camera along x of the left one."""
+        width, height = self.resolution
+        centre = ((width - 1) / 2, (height - 1) / 2)
+        intrinsics = np.array([self.focal_length, self.focal_length, *centre])
+        camera = Camera(self.resolution, intrinsics, "none", np.zeros(4), np.eye(3))
+        return StereoRig(camera, camera, self.focal_length, centre, self.baseline)
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels of a camera."""
+        return self.resolution[0] * self.resolution[1]
+
+    @property
+    def room(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest corner (2, 3) of the room and of the part kept clear, metres."""
+        half, clear = np.array([3.0, 2.5, 1.5]), np.array([1.3, 1.6, 1.1])
+        way = np.zeros(3)
+        if self.motion == "corridor":
+            half, clear = np.array([3.0, 1.2, 1.2]), np.array([1.5, 0.6, 0.6])
+            way[0] = CORRIDOR_SPEED * self.duration
+        return np.stack([-half, half + way]), np.stack([-clear, clear + way])
