@@ -11,8 +11,8 @@ import numpy as np
 from gpvo.errors import InputError
 from gpvo.recordings.base import Events, Recording, StereoEvents
 from gpvo.recordings.calibration.rig import Camera, StereoRig
-from gpvo.recordings.calibration.unknown import LARGEST
 from gpvo.recordings.checks.clocks import common_clock
+from gpvo.recordings.checks.sensor_size import check_resolution
 from gpvo.recordings.checks.time_order import in_order
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.streams import EventBlock, EventStream, Faults
@@ -74,8 +74,8 @@ class StreamRecording(Recording):
         self.streams = {"left": left, "right": right}
         self.batch_length = batch_length
         self.faults = {"left": Faults(), "right": Faults()}
-        check_resolution(left, rig.left)
-        check_resolution(right, rig.right)
+        check_resolution(left.resolution, rig.left.resolution, f"{left.where}:")
+        check_resolution(right.resolution, rig.right.resolution, f"{right.where}:")
         spans = span_ns(left), span_ns(right)
         shifts, clock_notes = common_clock(left, right, spans[0][0], spans[1][0])
         self._shifts_ns = dict(zip(("left", "right"), shifts, strict=True))
@@ -134,16 +134,6 @@ def span_ns(stream: EventStream) -> tuple[int, int]:
 
 def _shifted(span: tuple[int, int], shift_ns: int) -> tuple[int, int]:
     return span[0] + shift_ns, span[1] + shift_ns
-
-
-def check_resolution(stream: EventStream, camera: Camera) -> None:
-    """Raise InputError if the file states a resolution other than the calibrated one."""
-    stated, calibrated = stream.resolution, camera.resolution
-    if stated is not None and stated != calibrated != LARGEST:
-        raise InputError(
-            f"{stream.where}: is of a {stated[0]} x {stated[1]} sensor, the calibration of one of"
-            f" {calibrated[0]} x {calibrated[1]}; give this camera's calibration"
-        )
 
 
 def inside_sensor(block: EventBlock, camera: Camera, where: str, faults: Faults) -> EventBlock:

@@ -1,4 +1,4 @@
-"""Check that the events fill the calibrated sensor."""
+"""Check that the calibration is of the sensor that a file states, and that the events fill it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,23 @@ import numpy as np
 
 from gpvo.errors import InputError
 from gpvo.recordings.base import Recording
+from gpvo.recordings.calibration.unknown import LARGEST
 
 ENOUGH_EVENTS = 30_000
 """Number after which every sensor has had events near its borders, at least from noise."""
 SMALLEST_SHARE = 0.75
 """Share of the calibrated width and height; sensors of one family differ by more."""
+
+
+def check_resolution(
+    stated: tuple[int, ...] | None, calibrated: tuple[int, int], where: str
+) -> None:
+    """Raise InputError if a file states a resolution other than the calibrated one."""
+    if stated is not None and stated != calibrated != LARGEST:
+        raise InputError(
+            f"{where} is of a {stated[0]} x {stated[1]} sensor, the calibration of one of"
+            f" {calibrated[0]} x {calibrated[1]}; give this camera's calibration"
+        )
 
 
 def check_sensor_size(recording: Recording, calibration: Path | str | None) -> None:

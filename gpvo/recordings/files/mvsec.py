@@ -14,6 +14,7 @@ from gpvo.errors import InputError
 from gpvo.recordings.base import Events, Recording, StereoEvents
 from gpvo.recordings.calibration.find import Calibration, rig_for
 from gpvo.recordings.checks import columns
+from gpvo.recordings.checks.sensor_size import check_resolution
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5, read_column
 
@@ -94,7 +95,7 @@ class _EventTable:
             raise InputError(f"{where} is not a table of N x 4 float64: x, y, seconds, polarity")
         if len(dataset) == 0:
             raise InputError(f"{where} holds no events; both cameras are needed")
-        _check_stated_resolution(dataset, resolution, where)
+        check_resolution(_stated_resolution(dataset, where), resolution, where)
         return _EventTable(dataset, resolution, where)
 
     def seconds(self, row: int) -> float:
@@ -155,16 +156,10 @@ def _is_event_table(item: h5py.Dataset | h5py.Group) -> bool:
     return item.shape is not None and item.ndim == 2 and item.shape[1] == 4
 
 
-def _check_stated_resolution(
-    dataset: h5py.Dataset, resolution: tuple[int, int], where: str
-) -> None:
-    """Compare the calibration with the width and height that a dataset may state."""
+def _stated_resolution(dataset: h5py.Dataset, where: str) -> tuple[int, ...] | None:
+    """Return the width and height that a dataset may state."""
     try:
         stated = tuple(int(dataset.attrs.get(name, 0)) for name in ("width", "height"))
     except (*H5Error, TypeError) as error:
         raise InputError(f"{where} has attributes width and height that are no numbers") from error
-    if stated not in (resolution, (0, 0)):
-        raise InputError(
-            f"{where} is of a {stated[0]} x {stated[1]} sensor, the calibration of one of"
-            f" {resolution[0]} x {resolution[1]}; give this camera's calibration"
-        )
+    return stated if any(stated) else None
