@@ -9,30 +9,43 @@ from pathlib import Path
 import numpy as np
 
 from gpvo.errors import InputError
-from gpvo.odometry import Odometry
-from gpvo.trajectory.tum import TumWriter
+from gpvo.trajectory import StampedPoses, States
+from gpvo.trajectory.tum import tum_lines
 
 UNFINISHED = "unfinished: the poses that were final when gpvo run last wrote, or was stopped"
 """Comment in the first line of an unfinished file; a finished file has none."""
 
 
 @contextmanager
-def live_file(path: Path, odometry: Odometry, start_ns: int) -> Iterator[Callable[[], None]]:
+def live_file(
+    path: Path, final_states: Callable[[float], States], start_ns: int
+) -> Iterator[Callable[[], None]]:
     """Write a TUM file; each call appends, in whole lines, the poses that have become final.
 
     If the recording turns out to be faulty, the file is removed, so that it is not mistaken for a
     result.
+
+    Parameters
+    ----------
+    final_states
+        Function that returns the final states after a time, seconds.
+    start_ns
+        Absolute stamp of t = 0, nanoseconds.
     """
     last = -np.inf
     try:
-        with TumWriter(path, UNFINISHED) as writer:
+        # Without a buffer every write is on disk as a whole.
+        with path.open("wb", buffering=0) as file:
+            file.write(f"# {UNFINISHED}\n".encode("ascii"))
 
             def append_final() -> None:
                 nonlocal last
-                final = odometry.estimator.final_states(last)
-                for t, T_world_cam in zip(final.t.tolist(), final.T_world_cam, strict=True):
-                    writer.append(start_ns + round(t * 1e9), T_world_cam)
-                    last = t
+                final = final_states(last)
+                if len(final):
+                    stamps_ns = start_ns + np.rint(final.t * 1e9).astype(np.int64)
+                    lines = tum_lines(StampedPoses(stamps_ns, final.T_world_cam))
+                    file.write("".join(lines).encode("ascii"))
+                    last = final.t[-1]
 
             yield append_final
     except InputError:

@@ -88,7 +88,8 @@ def run_and_write(
     folder = make_folder(folder, FILES)
     meter = CostMeter()
     odometry = Odometry(recording.rig, configuration, meter.stage)
-    live = live_file(folder / "trajectory.tum", odometry, recording.start_ns)
+    final_states = odometry.estimator.final_states
+    live = live_file(folder / "trajectory.tum", final_states, recording.start_ns)
     stop = min(start + duration, recording.duration)
     with run_progress(console, start, stop) as show, live as append_final:
 

@@ -7,7 +7,6 @@ from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
@@ -25,32 +24,6 @@ def tum_lines(poses: StampedPoses) -> list[str]:
         " ".join([seconds_text(stamp), *(f"{value:.9f}" for value in row)]) + "\n"
         for stamp, row in zip(poses.stamps_ns.tolist(), tidy.tolist(), strict=True)
     ]
-
-
-class TumWriter:
-    """Writer of a TUM file, pose by pose; after `append` the pose is on disk as a whole line.
-
-    >>> with TumWriter("trajectory.tum") as writer:
-    ...     writer.append(stamp_ns, T_world_cam)
-    """
-
-    def __init__(self, path: Path | str, comment: str = "") -> None:
-        self._file = open(path, "w", encoding="ascii", newline="\n")  # noqa: SIM115
-        if comment:
-            self._file.write(f"# {comment}\n")
-            self._file.flush()
-
-    def append(self, stamp_ns: int, T_world_cam: NDArray[np.float64]) -> None:
-        """Append one pose (4, 4) at an absolute stamp."""
-        pose = StampedPoses(np.array([stamp_ns], np.int64), np.asarray(T_world_cam)[None])
-        self._file.write(tum_lines(pose)[0])
-        self._file.flush()
-
-    def __enter__(self) -> TumWriter:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._file.close()
 
 
 def write_tum(path: Path | str, poses: StampedPoses) -> None:

@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from factors.lie import se3_inverse
+from gpvo.commands.live_trajectory import UNFINISHED, live_file
 from gpvo.errors import InputError
-from gpvo.trajectory import StampedPoses, read_tum, write_tum
+from gpvo.trajectory import StampedPoses, States, read_tum, write_tum
 from gpvo.trajectory.stamped_poses import quaternions, rigid_transforms, seconds_text
-from gpvo.trajectory.tum import TumWriter, parse_tum, tum_lines
+from gpvo.trajectory.tum import parse_tum, tum_lines
 
 GOOD = "1.5 1 2 3 0 0 0 1"
 
@@ -97,12 +98,15 @@ def test_every_pose_survives_the_tum_format(rotation, position):
 def test_appended_lines_equal_the_written_file(random_walk, tmp_path):
     poses = random_walk()
     write_tum(tmp_path / "whole.tum", poses)
-    with TumWriter(tmp_path / "appended.tum") as writer:
-        for stamp, T in zip(poses.stamps_ns, poses.T_world_cam, strict=True):
-            writer.append(stamp, T)
-            on_disk = (tmp_path / "appended.tum").read_bytes()
+    states = States(poses.seconds, poses.T_world_cam, np.zeros((len(poses), 6)))
+    start_ns, path = int(poses.stamps_ns[0]), tmp_path / "appended.tum"
+    with live_file(path, lambda last: states.after(last)[:3], start_ns) as append_final:
+        for _ in range(0, len(poses) + 3, 3):
+            append_final()
+            on_disk = path.read_bytes()
             assert on_disk.endswith(b"\n")
-    assert on_disk == (tmp_path / "whole.tum").read_bytes()
+    heading = f"# {UNFINISHED}\n".encode()
+    assert on_disk == heading + (tmp_path / "whole.tum").read_bytes()
 
 
 def test_quaternions_do_not_depend_on_the_sign_of_their_source(random_walk):
