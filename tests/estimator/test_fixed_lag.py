@@ -23,7 +23,7 @@ from runs import (
 from synthetic import CAMERA, TWIST, constant_velocity, tracklets
 
 from benchmarks.simulated_tracklets import TrackletSimulation
-from factors import LandmarkPrior, LinearStatesFactor, StructurelessStereoFactor
+from factors import LandmarkPrior, LinearStatesFactor, StructurelessStereoFactor, WnoaPriorFactor
 from factors.lie import se3_inverse, se3_log
 from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.estimator import FixedLagSmoother
@@ -123,7 +123,7 @@ def check_graph(estimator: FixedLagSmoother, first: int) -> tuple[int, list[int]
     at_start = kinds["PriorFactorPose3"], kinds["PriorFactorVector"], kinds["LinearContainerFactor"]
     assert at_start == ((1, 1, 0) if window[0] == first else (0, 0, 1))
     pairs = [frozenset([X(k), V(k), X(k + 1), V(k + 1)]) for k in window[:-1]]
-    motion = [frozenset(f.keys()) for f in factors if type(f) is gtsam.CustomFactor]
+    motion = [frozenset(f.keys()) for f in factors if type(f) is WnoaPriorFactor]
     assert Counter(motion) == Counter(pairs)
     count = sum(isinstance(f, StructurelessStereoFactor) for f in factors)
     gps = [gtsam.symbolIndex(f.keys()[0]) for f in factors if isinstance(f, gtsam.GPSFactor)]
