@@ -4,7 +4,7 @@ from factors import lie
 from factors.constant_velocity import EuclideanVelocityFactor, ReprojectionVelocityFactor
 from factors.factor import Factor, check_values, original
 from factors.gaussian_process import Derivatives, GaussianProcess
-from factors.incremental import isam2_parameters
+from factors.incremental import Incremental, fixed_lag_smoother, isam2, isam2_parameters
 from factors.inner_factor import ErrorFunction
 from factors.interpolated import InterpolatedFactor
 from factors.interpolated_stereo import InterpolatedStereoFactor
@@ -12,7 +12,7 @@ from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.linear_states import LinearStatesFactor
 from factors.points import PointToPlaneFactor, PointToPointFactor
 from factors.saving import from_dict, to_dict
-from factors.solver import optimize
+from factors.solver import Iteration, gauss_newton_parameters, optimize
 from factors.stereo import StereoCamera, StereoReprojectionFactor
 from factors.structureless import (
     LandmarkPrior,
@@ -35,9 +35,11 @@ __all__ = [
     "EuclideanVelocityFactor",
     "Factor",
     "GaussianProcess",
+    "Incremental",
     "InterpolatedFactor",
     "InterpolatedState",
     "InterpolatedStereoFactor",
+    "Iteration",
     "LandmarkPrior",
     "LinearStatesFactor",
     "Marginal",
@@ -51,8 +53,11 @@ __all__ = [
     "WnoaPriorFactor",
     "check_values",
     "extrapolate",
+    "fixed_lag_smoother",
     "from_dict",
+    "gauss_newton_parameters",
     "interpolate",
+    "isam2",
     "isam2_parameters",
     "lie",
     "marginalize",

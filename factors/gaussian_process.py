@@ -6,7 +6,7 @@ Section III-C.2 of Wang and Gammell; Barfoot, "State Estimation for Robotics", c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
@@ -92,9 +92,9 @@ class GaussianProcess:
         self._qc = power_spectral_density(qc)
         if isinstance(marginals, gtsam.NonlinearFactorGraph):
             marginals = joint_marginals(marginals, values)
-        if isinstance(marginals, gtsam.IncrementalFixedLagSmoother):
-            marginals = marginals.getISAM2()
-        self._marginals, self._joint = marginals, dict[int, Array]()
+        known: Any = marginals  # a smoother knows no joint covariances, but its ISAM2 does
+        self._marginals: Any = known.getISAM2() if hasattr(known, "getISAM2") else known
+        self._joint: dict[int, Array] = {}
 
     def __repr__(self) -> str:
         span = f"{self.times[0]:.6f} to {self.times[-1]:.6f} s"
@@ -187,7 +187,7 @@ class GaussianProcess:
         if i not in self._joint:
             keys = [*self.keys[i], *self.keys[i + 1]]
             try:
-                found = self._marginals.jointMarginalCovariance(keys)  # type: ignore[union-attr]
+                found = self._marginals.jointMarginalCovariance(keys)
             except (RuntimeError, IndexError) as error:
                 names = " ".join(map(gtsam.DefaultKeyFormatter, keys))
                 raise ValueError(f"marginals have no covariance of {names}: {error}") from error

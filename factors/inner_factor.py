@@ -58,7 +58,13 @@ def parts_of(inner: InnerFactor) -> tuple[gtsam.noiseModel.Base, list[int], Eval
 
 
 def _of_function(error: Callable[[Any, gtsam.Values, Any], Array]) -> Evaluate:
-    return lambda values, jacobians: error(None, values, jacobians)
+    def evaluate(values: gtsam.Values, jacobians: Any) -> Array:
+        found = np.asarray(error(None, values, jacobians), np.float64)
+        if jacobians is not None and any(block is None for block in jacobians):
+            raise ValueError("an error function must set all jacobians[k]")
+        return found
+
+    return evaluate
 
 
 def _of_native(inner: gtsam.NoiseModelFactor) -> Evaluate:

@@ -183,24 +183,21 @@ class InterpolatedStereoFactor(Factor):
         constants = np.r_[t - t_i, t_j - t, made_of["measured"], made_of["camera"].parameters]
 
         def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
-            difference = np.empty(3)
-            with _BLOCKS.lock:
-                _linearized_kernel(
-                    values.atPose3(pose_i).matrix(),
-                    values.atVector6(velocity_i),
-                    values.atPose3(pose_j).matrix(),
-                    values.atVector6(velocity_j),
-                    values.atPoint3(landmark),
-                    constants,
-                    T_body_cam,
-                    by_body,
-                    jacobians is not None,
-                    difference,
-                    *_BLOCKS.views,
-                )
-                if jacobians is not None:
-                    _BLOCKS.copy_to(jacobians)
-            return difference
+            _linearized_kernel(
+                values.atPose3(pose_i).matrix(),
+                values.atVector6(velocity_i),
+                values.atPose3(pose_j).matrix(),
+                values.atVector6(velocity_j),
+                values.atPoint3(landmark),
+                constants,
+                T_body_cam,
+                by_body,
+                jacobians is not None,
+                *_BLOCKS.outputs,
+            )
+            if jacobians is not None:
+                _BLOCKS.copy_to(jacobians)
+            return _BLOCKS.error
 
         variables = [
             Variable("pose_i", pose_i, POSE3),

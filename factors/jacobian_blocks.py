@@ -7,7 +7,7 @@ one, each in more than a microsecond, which would be half the time of a callback
 from __future__ import annotations
 
 from functools import lru_cache
-from threading import Lock
+from threading import local
 from typing import Any
 
 import gtsam
@@ -19,17 +19,18 @@ Jacobians = gtsam.JacobianVector | list[Any] | None
 """Where a callback writes its Jacobians: GTSAM's own list, or that of a factor that holds it."""
 
 
-class JacobianBlocks:
-    """Jacobians (rows, columns[k]) with respect to the k-th key, for all factors of one shape.
+class JacobianBlocks(local):
+    """The error and its Jacobians (rows, columns[k]) by the k-th key, for all factors of one shape.
 
-    Fill the `views`, then `copy_to` the list that GTSAM passes to a callback, and hold the `lock`
-    while doing both.
+    Fill the `error` and the `views`, then `copy_to` the list that GTSAM passes to a callback. Each
+    thread has its own.
     """
 
     def __init__(self, rows: int, columns: tuple[int, ...]) -> None:
-        self.lock = Lock()
         self._matrices = gtsam.JacobianVector([np.zeros((rows, n), order="F") for n in columns])
         self.views: list[Array] = [self._matrices[k] for k in range(len(columns))]
+        self.error: Array = np.zeros(rows)
+        self.outputs = (self.error, *self.views)
 
     def copy_to(self, jacobians: gtsam.JacobianVector | list[Any]) -> None:
         """Copy the blocks to GTSAM's list, or to another."""
@@ -46,10 +47,9 @@ def fill(jacobians: gtsam.JacobianVector | list[Any], blocks: list[Array]) -> No
         jacobians[:] = blocks
         return
     shared = _blocks_of(len(blocks[0]), tuple(block.shape[1] for block in blocks))
-    with shared.lock:
-        for view, block in zip(shared.views, blocks, strict=True):
-            view[...] = block
-        shared.copy_to(jacobians)
+    for view, block in zip(shared.views, blocks, strict=True):
+        view[...] = block
+    shared.copy_to(jacobians)
 
 
 @lru_cache(maxsize=64)

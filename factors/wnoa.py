@@ -21,7 +21,7 @@ from factors.checks import (
     power_spectral_density,
 )
 from factors.factor import Factor
-from factors.jacobian_blocks import JacobianBlocks
+from factors.jacobian_blocks import JacobianBlocks, Jacobians
 from factors.kernels import (
     EXACT,
     FIRST_ORDER,
@@ -122,10 +122,7 @@ def _whitened_kernel(
     v_i: Array,
     T_j: Array,
     v_j: Array,
-    dt: float,
-    root: Array,
-    W: Array,
-    higher: float,
+    constants: Array,
     derivatives: bool,
     error: Array,
     by_T_i: Array,
@@ -135,10 +132,13 @@ def _whitened_kernel(
 ) -> None:
     """Write the whitened error (12,) and its Jacobians (12, 6) with respect to T_i, v_i, T_j, v_j.
 
-    The error is whitened by the Kronecker product of root (2, 2) and W (6, 6).
+    The error is whitened by the Kronecker product of [[a, b], [0, c]] and a lower triangular W (6,
+    6). The constants (42,) are dt, a, b, c, the weight of Jacobians beyond first order, whether W
+    is diagonal, and W.
     """
+    dt, a, b, c = constants[0], constants[1], constants[2], constants[3]
+    higher, diagonal, W = constants[4], constants[5] > 0, constants[6:].reshape(6, 6)
     local = local_state_kernel(row_major_kernel(T_i), row_major_kernel(T_j), v_j)
-    a, b, c = root[0, 0], root[0, 1], root[1, 1]
     for i in range(6):
         top, bottom = 0.0, 0.0
         for k in range(i + 1):
@@ -147,8 +147,8 @@ def _whitened_kernel(
         error[i], error[6 + i] = a * top + b * bottom, c * bottom
     if derivatives:
         xi_i, xi_j, rate_i, rate_j = local_blocks_kernel(local, v_j, higher)
-        xi_i, xi_j = _whitened_block(W, xi_i), _whitened_block(W, xi_j)
-        rate_i, rate_j = _whitened_block(W, rate_i), _whitened_block(W, rate_j)
+        for block in (xi_i, xi_j, rate_i, rate_j):
+            _whiten_kernel(W, diagonal, block)
         for j in range(6):
             for i in range(6):
                 by_T_i[i, j] = -a * xi_i[i, j] - b * rate_i[i, j]
@@ -162,14 +162,14 @@ def _whitened_kernel(
 
 
 @inner_kernel
-def _whitened_block(W: Array, block: Array) -> Array:
-    """Compute the product (6, 6) of a lower triangular matrix and another matrix."""
-    product = np.zeros((6, 6))
-    for i in range(6):
-        for k in range(i + 1):
-            for j in range(6):
-                product[i, j] += W[i, k] * block[k, j]
-    return product
+def _whiten_kernel(W: Array, diagonal: bool, block: Array) -> None:
+    """Replace a matrix (6, 6) by the product of a lower triangular one and it."""
+    for i in range(5, -1, -1):
+        for j in range(6):
+            block[i, j] *= W[i, i]
+            if not diagonal:
+                for k in range(i):
+                    block[i, j] += W[i, k] * block[k, j]
 
 
 class WnoaPriorFactor(Factor):
@@ -225,28 +225,24 @@ class WnoaPriorFactor(Factor):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         made_of = (_by_states if are_states(args, kwargs) else _by_keys)(*args, **kwargs)
         pose_i, velocity_i, pose_j, velocity_j, dt, qc, approximate_jacobians = made_of.values()
-        W, root = np.ascontiguousarray(whitening(qc)), information_root(dt)
+        W, root = whitening(qc), information_root(dt)
         higher = FIRST_ORDER if approximate_jacobians else EXACT
+        diagonal = float(np.count_nonzero(W) == 6)
+        constants = np.r_[dt, root[0, 0], root[0, 1], root[1, 1], higher, diagonal, W.ravel()]
 
-        def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
-            whitened = np.empty(12)
-            with _BLOCKS.lock:
-                _whitened_kernel(
-                    values.atPose3(pose_i).matrix(),
-                    values.atVector6(velocity_i),
-                    values.atPose3(pose_j).matrix(),
-                    values.atVector6(velocity_j),
-                    dt,
-                    root,
-                    W,
-                    higher,
-                    jacobians is not None,
-                    whitened,
-                    *_BLOCKS.views,
-                )
-                if jacobians is not None:
-                    _BLOCKS.copy_to(jacobians)
-            return whitened
+        def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
+            _whitened_kernel(
+                values.atPose3(pose_i).matrix(),
+                values.atVector6(velocity_i),
+                values.atPose3(pose_j).matrix(),
+                values.atVector6(velocity_j),
+                constants,
+                jacobians is not None,
+                *_BLOCKS.outputs,
+            )
+            if jacobians is not None:
+                _BLOCKS.copy_to(jacobians)
+            return _BLOCKS.error
 
         variables = [
             Variable("pose_i", pose_i, POSE3),

@@ -10,7 +10,7 @@ import numpy as np
 from gtsam.symbol_shorthand import L, V, X
 from numpy.typing import NDArray
 
-from factors import StereoCamera, optimize
+from factors import StereoCamera, gauss_newton_parameters, optimize
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.isam2 import insert_states, isam_parameters, joint_covariance, states_of
 from gpvo.estimator.state_times import SAME_TIME
@@ -76,8 +76,7 @@ class Window:
             values = optimize(
                 self.graph(build),
                 self.values(build),
-                config.iterations,
-                config.relative_decrease,
+                gauss_newton_parameters(config.iterations, config.relative_decrease),
                 ordering,
             )
         except ValueError as error:

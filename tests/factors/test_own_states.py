@@ -26,7 +26,13 @@ from windows import (
     values_of,
 )
 
-from factors import LandmarkPrior, StereoReprojectionFactor, StructurelessStereoFactor, optimize
+from factors import (
+    LandmarkPrior,
+    StereoReprojectionFactor,
+    StructurelessStereoFactor,
+    gauss_newton_parameters,
+    optimize,
+)
 from factors.lie import se3_exp
 
 Array = NDArray[np.float64]
@@ -57,7 +63,7 @@ def test_optimum_is_that_of_the_literal_graph() -> None:
     """Both solved to the end, with noise: hundredths of a standard deviation."""
     factor = WINDOW.factor(0, QC)
     graph = graph_of(WINDOW.chain(0, 2), factor)
-    solved = optimize(graph, NEAR, max_iterations=30, tolerance=1e-12)
+    solved = optimize(graph, NEAR, gauss_newton_parameters(30, 1e-12))
     covariance = mean_and_covariance(graph, solved, keys(0, 3))[1]
     every = values_of(WINDOW.T_all, WINDOW.v_all)
     literal = chain(WINDOW.t_all, 0, len(WINDOW.t_all) - 1, WINDOW.truth)
@@ -68,7 +74,7 @@ def test_optimum_is_that_of_the_literal_graph() -> None:
         if every.exists(L(n)):
             k = int(WINDOW.t_all.searchsorted(t))
             literal.push_back(StereoReprojectionFactor(measured, NOISE, X(k), L(n), CAMERA))
-    reference = optimize(literal, every, max_iterations=30, tolerance=1e-12)
+    reference = optimize(literal, every, gauss_newton_parameters(30, 1e-12))
     at = WINDOW.t_all.searchsorted(WINDOW.t_states).tolist()
     pairs = [(states(solved, k), states(reference, n)) for k, n in enumerate(at)]
     apart = np.concatenate([local_step(*found, *expected) for found, expected in pairs])

@@ -19,6 +19,7 @@ from factors import (
     StereoReprojectionFactor,
     StructurelessStereoFactor,
     WnoaPriorFactor,
+    gauss_newton_parameters,
     interpolate,
     optimize,
 )
@@ -229,7 +230,7 @@ def test_a_graph_has_the_optimum_of_one_with_landmarks(model: Any) -> None:
 
 
 def solved(factors: list[Any], start: gtsam.Values) -> gtsam.Values:
-    return optimize(graph_of(factors), start, max_iterations=300, tolerance=1e-15)
+    return optimize(graph_of(factors), start, gauss_newton_parameters(300, 1e-15))
 
 
 @MODELS
