@@ -203,7 +203,7 @@ def test_a_refused_update_leaves_the_smoother_as_it_was() -> None:
                 (r"v2 .velocity_j. must be", (graph, wrong, stamps)),
                 ("v2 must have a time", (graph, new, {X(2): 0.1})),
                 ("v2 must have a time", (graph, new)),
-                ("x1 is in the solver", (graph, random_states(1, dt, 2), {})),
+                ("x1 is in the solver", (graph, again, {X(1): dt})),
             ):
                 with pytest.raises(ValueError, match=fault):
                     smoother.update(*arguments)
