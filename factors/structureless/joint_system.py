@@ -1,7 +1,8 @@
 """The linearised measurements of a window, their landmarks eliminated.
 
-The columns are those of the window's states (12 each), of the variables u of the states between
-them (`Bridge`), of the variables s of the landmarks' prior (`LandmarkPrior`), and of the error.
+The columns are those of the variables u of the states at the measurements' times (`Bridge`), of the
+variables s of the landmarks' prior (`LandmarkPrior`), of the window's states (12 each), and of the
+error.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from factors.kernels import Array, inner_kernel, kernel
 from factors.structureless.bridge import Bridge
 from factors.structureless.row_kernels import (
     add_cross_products_kernel,
+    add_prior_products_kernel,
     add_squares_kernel,
     whiten_kernel,
 )
@@ -39,7 +41,7 @@ class Rows:
     bridges
         One for each interval.
     prior, prior_by_landmark, prior_of
-        (P, 3, 12 + d + 1) and (P, 3, 3) of `prior_system_kernel`, and (P,) landmarks of these.
+        (P, 3, d + 12 + 1) and (P, 3, 3) of `prior_system_kernel`, and (P,) landmarks of these.
     """
 
     interval: Index
@@ -59,7 +61,7 @@ class Rows:
     @property
     def latent(self) -> Index:
         """First column of each bridge's variables, and the first column after all of them."""
-        return 12 * self.states + 6 * np.cumsum([0, *(bridge.rank for bridge in self.bridges)])
+        return 6 * np.cumsum([0, *(bridge.rank for bridge in self.bridges)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +79,8 @@ class JointSystem:
         those that the rows determine.
     latent
         First columns of the bridges' variables, and of s.
+    shared
+        Number of the columns of u and s, which come first.
     """
 
     information: Array
@@ -85,54 +89,44 @@ class JointSystem:
     cross: Array
     known: Array
     latent: Index
-
-    @property
-    def of_states(self) -> Index:
-        """Columns of the states and of the error."""
-        return np.append(np.arange(self.latent[0]), len(self.information) - 1)
-
-    @property
-    def of_shared(self) -> slice:
-        """Columns of u and s."""
-        return slice(int(self.latent[0]), len(self.information) - 1)
+    shared: int
 
     @staticmethod
     def of_rows(found: Rows, landmarks: int) -> JointSystem:
         """The system of some rows of a number of landmarks."""
-        latent, shared = found.latent, found.prior.shape[2] - 13
-        size = int(latent[-1]) + shared + 1
+        latent = found.latent
+        shared = int(latent[-1]) + found.prior.shape[2] - 13
+        size = shared + 12 * found.states + 1
         H, own = np.zeros((size, size)), np.zeros((landmarks, 3, 3))
         cross = np.zeros((landmarks, 3, size))
-        _add_measurements(found, latent, H, cross, own)
+        _add_measurements(found, latent, shared, H, cross, own)
         if len(found.prior):
-            _add_prior(found, latent, H, cross, own)
-        H.ravel()[:: size + 1][latent[0] : -1] += 1.0
+            _add_prior(found, int(latent[-1]), H, cross, own)
+        H.ravel()[: shared * size : size + 1] += 1.0
         scale, known = np.diag(H).copy(), np.empty(landmarks)
         whiten_kernel(own, cross, known)
         flat = cross.reshape(-1, size)
         H -= flat.T @ flat if len(flat) else 0.0
-        return JointSystem(H, scale, own, cross, known, latent)
+        return JointSystem(H, scale, own, cross, known, latent, shared)
 
     @cached_property
     def shared_given_states(self) -> tuple[Array, Array]:
         """Root L (S, S), lower, of the information on u and s, and L⁻¹ H_(us),(x, error)."""
-        part = self.of_shared
-        root = np.asarray(np.linalg.cholesky(self.information[part, part]), np.float64)
-        right = np.linalg.solve(root, self.information[part][:, self.of_states])
-        return root, np.asarray(right, np.float64)
+        H, S = self.information, self.shared
+        root = np.asarray(np.linalg.cholesky(H[:S, :S]), np.float64)
+        return root, np.asarray(np.linalg.solve(root, H[:S, S:]), np.float64)
 
     def on_states(self) -> tuple[Array, Array]:
         """Information (12 m + 1, 12 m + 1) on the states and the error alone, and its scale."""
         _, explained = self.shared_given_states
-        columns = self.of_states
-        H = self.information[np.ix_(columns, columns)] - explained.T @ explained
-        return H, np.sqrt(self.scale[columns])
+        H = self.information[self.shared :, self.shared :] - explained.T @ explained
+        return H, np.sqrt(self.scale[self.shared :])
 
     def landmark_steps(self, moved: Array) -> Array:
         """Return the steps (L, 3) of the landmarks, given the step (12 m,) of the states."""
         root, right = self.shared_given_states
         shared = -np.linalg.solve(root.T, right @ np.append(moved, 1.0))
-        right_side = self.cross @ np.concatenate([moved, shared, [1.0]])
+        right_side = self.cross @ np.concatenate([shared, moved, [1.0]])
         regular = self.root + (1 - self.known)[:, None, None] * np.eye(3)
         steps = np.linalg.solve(regular, right_side[..., None])[..., 0]
         return -self.known[:, None] * steps
@@ -143,46 +137,50 @@ class JointSystem:
         """Return expected errors (n, 3) and their covariances (n, 3, 3) of new measurements.
 
         Their rows (n, 3, 31) and (n, 3, 3) are those of `measurement_rows_kernel`, of the
-        landmarks `of` and of states from the columns `first` on; `covariance` is that of the
+        landmarks `of` and of states from their columns `first` on; `covariance` is that of the
         states.
         """
-        states, last = int(self.latent[0]), len(self.information) - 1
+        S = self.shared
         root, right = self.shared_given_states
         inverse = np.linalg.inv(root)
         by_states = -inverse.T @ right
         by_noise = by_landmark @ np.linalg.inv(self.root[of])
         by_all = -by_noise @ self.cross[of]
-        by_shared = by_all[:, :, states:last]
-        on_states = by_all[:, :, :states] + by_shared @ by_states[:, :-1]
+        by_shared = by_all[:, :, :S]
+        on_states = by_all[:, :, S:-1] + by_shared @ by_states[:, :-1]
         for n, column in enumerate(first.tolist()):
             on_states[n, :, column : column + 24] += rows[n, :, :24]
-        error = rows[:, :, 30] + by_all[:, :, last] + by_shared @ by_states[:, -1]
+        error = rows[:, :, 30] + by_all[:, :, -1] + by_shared @ by_states[:, -1]
         free = by_shared @ inverse.T
         parts = (on_states @ covariance, on_states), (free, free), (by_noise, by_noise)
         spread = np.eye(3) + sum(a @ b.transpose(0, 2, 1) for a, b in parts)
         return error, np.asarray(spread, np.float64)
 
 
-def _add_measurements(found: Rows, latent: Index, H: Array, cross: Array, own: Array) -> None:
+def _add_measurements(
+    found: Rows, latent: Index, shared: int, H: Array, cross: Array, own: Array
+) -> None:
     """Add JᵀJ of all columns to H, of the landmarks' with the others to `cross`, and to `own`."""
     interval, rank = found.interval, np.array([bridge.rank for bridge in found.bridges])
     gains = np.zeros((len(interval), max(1, int(rank.max(initial=0)))))
     ends = np.searchsorted(interval, np.arange(found.states))
     for i, bridge in enumerate(found.bridges):
         gains[ends[i] : ends[i + 1], : bridge.rank] = bridge.gains
-    columns = 12 * interval, latent[interval], rank[interval], gains
+    columns = shared + 12 * interval, latent[interval], rank[interval], gains
     add_squares_kernel(*columns, found.rows, H)
     add_cross_products_kernel(found.of, *columns, found.rows, found.by_landmark, cross, own)
 
 
-def _add_prior(found: Rows, latent: Index, H: Array, cross: Array, own: Array) -> None:
-    """Add the same of the landmarks' prior."""
-    columns = np.concatenate([np.arange(12), np.arange(latent[-1], len(H))])
+def _add_prior(found: Rows, first: int, H: Array, cross: Array, own: Array) -> None:
+    """Add the same of the landmarks' prior: of columns from the first one on, and of the error."""
     flat = found.prior.reshape(-1, found.prior.shape[2])
-    H[columns[:, None], columns] += flat.T @ flat
-    turned = found.prior_by_landmark.transpose(0, 2, 1)
-    cross[found.prior_of[:, None, None], np.arange(3)[:, None], columns] += turned @ found.prior
-    own[found.prior_of] += turned @ found.prior_by_landmark
+    square, columns = flat.T @ flat, slice(first, first + flat.shape[1] - 1)
+    H[columns, columns] += square[:-1, :-1]
+    H[columns, -1] += square[:-1, -1]
+    H[-1, columns] += square[-1, :-1]
+    H[-1, -1] += square[-1, -1]
+    of, by_landmark = found.prior_of, found.prior_by_landmark
+    add_prior_products_kernel(of, float(first), found.prior, by_landmark, cross, own)
 
 
 @kernel

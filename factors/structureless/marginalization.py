@@ -92,7 +92,7 @@ def marginalize(
         keys, T_states[: count + 1], v_states[: count + 1], root_kernel(*system.on_states())
     )
     try:
-        given = _leaving_given_next(system, information_of(others, values, keys), count)
+        given = _leaving_given_next(system, information_of(others, values, keys))
     except np.linalg.LinAlgError as error:
         raise ValueError("the states that leave are not determined") from error
     keep = np.isin(window.landmarks.number, np.asarray(landmarks)) & (system.known > 0)
@@ -121,26 +121,26 @@ def information_of(
 
 
 class _Leaving(NamedTuple):
-    """y = (mean, S) (dx_b, 1) + spread s: columns of y, (Y, 13), and a triangular (Y, Y)."""
+    """y = (S, mean) (dx_b, 1) + spread s: (Y, 13), and a triangular (Y, Y).
 
-    columns: Index
+    The columns of y are the first ones, those of the state b and of the error the last 13.
+    """
+
     by_next: Array
     spread: Array
 
 
-def _leaving_given_next(system: JointSystem, others: Array, count: int) -> _Leaving:
+def _leaving_given_next(system: JointSystem, others: Array) -> _Leaving:
     """The distribution of what leaves, given the next state."""
-    first, last = 12 * count, len(system.information) - 1
-    H, columns = system.information.copy(), system.of_states
-    H[columns[:, None], columns] += others
-    y = np.concatenate([np.arange(first), np.arange(first + 12, last)])
-    following = np.append(np.arange(first, first + 12), last)
-    if not (np.diag(H)[y] > 0).all():
+    H = system.information.copy()
+    H[system.shared :, system.shared :] += others
+    scale = np.diag(H)[:-13]
+    if not (scale > 0).all():
         raise np.linalg.LinAlgError("no factor tells of a state that leaves")
-    unit = 1 / np.sqrt(np.diag(H)[y])
-    root = np.linalg.cholesky(unit[:, None] * H[np.ix_(y, y)] * unit)
+    unit = 1 / np.sqrt(scale)
+    root = np.linalg.cholesky(unit[:, None] * H[:-13, :-13] * unit)
     spread = unit[:, None] * np.linalg.inv(root).T
-    return _Leaving(y, -spread @ (spread.T @ H[np.ix_(y, following)]), spread)
+    return _Leaving(-spread @ (spread.T @ H[:-13, -13:]), spread)
 
 
 def _prior(
@@ -160,10 +160,8 @@ def _prior(
     seen, by_chart, by_pose = seen_from_kernel(state[0], fit.charts[keep], fit.coordinates[keep])
     root = system.root[keep] @ np.linalg.inv(by_chart)
     cross = system.cross[keep]
-    first, last = len(system.of_states) - 13, cross.shape[2] - 1
-    by_leaving = cross[:, :, given.columns]
-    by_state = cross[:, :, np.append(np.arange(first, first + 12), last)]
-    by_state = by_state + _times(by_leaving, given.by_next)
+    by_leaving = np.ascontiguousarray(cross[:, :, :-13])
+    by_state = cross[:, :, -13:] + _times(by_leaving, given.by_next)
     by_state[:, :, :6] -= root @ by_pose
     kept, rest = _compressed(by_leaving, given.spread, shared)
     drift = root * moved

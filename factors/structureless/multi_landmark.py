@@ -376,10 +376,10 @@ class LandmarkWindow:
         return bridges
 
     def _prior_rows(self, T_first: Array, v_first: Array, fit: Fit) -> tuple[Array, Array, Index]:
-        """Rows (P, 3, 12 + d + 1) and (P, 3, 3) of the prior, and its landmarks (P,)."""
+        """Rows (P, 3, d + 12 + 1) and (P, 3, 3) of the prior, and its landmarks (P,)."""
         prior, prior_of = self.prior, self.landmarks.prior_of
         by_state, offset = prior.at(T_first, v_first)
-        rows = np.concatenate([by_state, prior.by_shared, offset[..., None]], axis=2)
+        rows = np.concatenate([prior.by_shared, by_state, offset[..., None]], axis=2)
         by_landmark = np.empty((len(prior), 3, 3))
         prior_system_kernel(
             T_first,

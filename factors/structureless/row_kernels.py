@@ -139,11 +139,12 @@ def prior_system_kernel(
     rows: Array,
     by_landmark: Array,
 ) -> None:
-    """Complete the rows (P, 3, 12 + d + 1) of a prior, and write those by its landmarks (P, 3, 3).
+    """Complete the rows (P, 3, d + 12 + 1) of a prior, and write those by its landmarks (P, 3, 3).
 
-    The columns of rows hold A and C already; the Jacobian with respect to the first state's pose
+    The columns of rows hold C and A already; the Jacobian with respect to the first state's pose
     and the error are added.
     """
+    state = rows.shape[2] - 13
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
     for k in range(len(prior)):
         p = prior[k]
@@ -155,7 +156,7 @@ def prior_system_kernel(
             for r in range(3):
                 rows[p, r, -1] = found[r, 9]
                 for c in range(6):
-                    rows[p, r, c] += found[r, c]
+                    rows[p, r, state + c] += found[r, c]
                 for c in range(3):
                     by_landmark[p, r, c] = found[r, 6 + c]
 
@@ -231,6 +232,27 @@ def add_cross_products_kernel(
             line[last] += x * found[0, 30] + y * found[1, 30] + z * found[2, 30]
             for s in range(3):
                 own[k, p, s] += (
+                    x * by_landmark[m, 0, s] + y * by_landmark[m, 1, s] + z * by_landmark[m, 2, s]
+                )
+
+
+@kernel
+def add_prior_products_kernel(
+    of: Index, first: float, rows: Array, by_landmark: Array, cross: Array, own: Array
+) -> None:
+    """Add the same of the rows of a prior, whose columns begin at the first one in `cross`."""
+    start, count = int(first), rows.shape[2] - 1
+    for m in range(len(of)):
+        a, b, c = rows[m, 0], rows[m, 1], rows[m, 2]
+        for p in range(3):
+            x, y, z = by_landmark[m, 0, p], by_landmark[m, 1, p], by_landmark[m, 2, p]
+            line = cross[of[m], p]
+            part = line[start : start + count]
+            for j in range(count):
+                part[j] += x * a[j] + y * b[j] + z * c[j]
+            line[-1] += x * a[count] + y * b[count] + z * c[count]
+            for s in range(3):
+                own[of[m], p, s] += (
                     x * by_landmark[m, 0, s] + y * by_landmark[m, 1, s] + z * by_landmark[m, 2, s]
                 )
 

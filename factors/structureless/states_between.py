@@ -61,11 +61,12 @@ class StatesBetween:
         inverse = np.linalg.inv(root)
         by_states = -inverse.T @ right
         mean = by_states @ np.append(moved, 1.0)
-        count = int(system.latent[-1] - system.latent[0])
+        count = int(system.latent[-1])
         covariance = (inverse.T @ inverse)[:count, :count]
-        latent = system.latent - system.latent[0]
         found = mean[:count], by_states[:count, :-1], covariance
-        return StatesBetween(t, t_states, T_states, v_states, bridges, latent, *found, qc_root)
+        return StatesBetween(
+            t, t_states, T_states, v_states, bridges, system.latent, *found, qc_root
+        )
 
     def states(self, t: Array | None = None) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and twists (n, 6) at times (n,) within the states, by default at `t`."""
