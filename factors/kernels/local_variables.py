@@ -14,7 +14,7 @@ from factors.kernels.se3 import (
     RIGHT,
     Array,
     adjoint_coefficients_kernel,
-    exp_kernel,
+    compose_exp_kernel,
     inner_kernel,
     inverse_coefficients_kernel,
     jacobian_coefficients_kernel,
@@ -120,13 +120,8 @@ def interpolated_local_kernel(v_i: Array, local_j: Array, weights: Array) -> Arr
 @inner_kernel
 def retract_kernel(T_i: Array, local: Array, T: Array, v: Array) -> None:
     """Write the pose T_i Exp(xi) and the twist Jr(xi) w of local variables (xi, w) around T_i."""
-    step = exp_kernel(local)
     jacobian = se3_polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
-    for i in range(4):
-        for j in range(4):
-            T[i, j] = 0.0
-            for k in range(4):
-                T[i, j] += T_i[i, k] * step[k, j]
+    compose_exp_kernel(T_i, local, T)
     for i in range(6):
         v[i] = 0.0
         for j in range(6):

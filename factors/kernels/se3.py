@@ -23,13 +23,18 @@ Array = NDArray[np.float64]
 # take no integers, because numba would compile them again for each literal integer.
 kernel = njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)
 inner_kernel = njit(  # called by kernels only
-    cache=True, error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=True
+    cache=True,
+    error_model="numpy",
+    no_cfunc_wrapper=True,
+    no_cpython_wrapper=True,
+    forceinline=True,
 )
 
 LEFT, RIGHT = 1.0, -1.0  # the right Jacobian is the left one of -xi, which has -p
 
 _SERIES_TERMS = 14  # the last term is 1e-17 of the first at an angle of pi
 _SERIES_LIMIT = 10.0  # squared angle, a little above pi^2
+_SMALL_TERMS, _SMALL_LIMIT = 6, 0.1  # as good at an angle of 0.3
 _INVERSE_FACTORIAL = np.array([1 / factorial(n) for n in range(2 * _SERIES_TERMS + 9)])
 
 
@@ -42,9 +47,7 @@ def stumpff_kernel(s: float) -> Array:
     """
     c = np.zeros((3, 9))
     if s < _SERIES_LIMIT:
-        for m in range(_SERIES_TERMS - 1, -1, -1):
-            c[0, 7] = _INVERSE_FACTORIAL[2 * m + 7] - s * c[0, 7]
-            c[0, 8] = _INVERSE_FACTORIAL[2 * m + 8] - s * c[0, 8]
+        c[0, 7], c[0, 8] = _series_kernel(s)
         for n in range(6, -1, -1):
             c[0, n] = _INVERSE_FACTORIAL[n] - s * c[0, n + 2]
     else:
@@ -56,6 +59,29 @@ def stumpff_kernel(s: float) -> Array:
         for n in range(7 - 2 * k):
             c[k + 1, n] = 0.5 * (n * c[k, n + 2] - c[k, n + 1])
     return c
+
+
+@inner_kernel
+def _series_kernel(s: float) -> tuple[float, float]:
+    """Compute c_7 and c_8 of the Stumpff functions."""
+    odd, even = 0.0, 0.0
+    for m in range((_SMALL_TERMS if s < _SMALL_LIMIT else _SERIES_TERMS) - 1, -1, -1):
+        odd = _INVERSE_FACTORIAL[2 * m + 7] - s * odd
+        even = _INVERSE_FACTORIAL[2 * m + 8] - s * even
+    return odd, even
+
+
+@inner_kernel
+def _first_stumpff_kernel(s: float) -> tuple[float, float, float]:
+    """Compute c_1, c_2 and c_3 of the Stumpff functions, without an array."""
+    f = _INVERSE_FACTORIAL
+    if s < _SERIES_LIMIT:
+        c_7, c_8 = _series_kernel(s)
+        c_3 = f[3] - s * (f[5] - s * c_7)
+        return 1 - s * c_3, f[2] - s * (f[4] - s * (f[6] - s * c_8)), c_3
+    w = np.sqrt(s)
+    c_1 = np.sin(w) / w
+    return c_1, (1 - np.cos(w)) / s, (1 - c_1) / s
 
 
 @inner_kernel
@@ -166,17 +192,32 @@ def _add_cross_kernel(M: Array, p: float, dp: float, x: Array) -> None:
 @inner_kernel
 def exp_kernel(xi: Array) -> Array:
     """Compute the transform (4, 4) of a twist."""
-    k = adjoint_coefficients_kernel(xi, LEFT)
-    rotation = se3_polynomial_kernel(xi, k)
-    k = jacobian_coefficients_kernel(xi, LEFT)
-    jacobian = se3_polynomial_kernel(xi, k)
-    T = np.zeros((4, 4))
-    for i in range(3):
-        for j in range(3):
-            T[i, j] = rotation[i, j]
-            T[i, 3] += jacobian[i, j] * xi[3 + j]
-    T[3, 3] = 1.0
+    T = np.empty((4, 4))
+    compose_exp_kernel(np.eye(4), xi, T)
     return T
+
+
+@inner_kernel
+def compose_exp_kernel(T_i: Array, xi: Array, T: Array) -> None:
+    """Write the transform T = T_i Exp(xi), (4, 4).
+
+    Exp(xi) turns by 1 + c_1 W + c_2 W^2 and moves by (1 + c_2 W + c_3 W^2) rho, W = [phi]x.
+    """
+    x, y, z, u, v, w = xi[0], xi[1], xi[2], xi[3], xi[4], xi[5]
+    s, dot = x * x + y * y + z * z, x * u + y * v + z * w
+    c_1, c_2, c_3 = _first_stumpff_kernel(s)
+    turn, move = 1 - c_2 * s, 1 - c_3 * s
+    for i in range(3):
+        a, b, c = T_i[i, 0], T_i[i, 1], T_i[i, 2]
+        along = c_2 * (a * x + b * y + c * z)
+        T[i, 0] = turn * a + along * x + c_1 * (b * z - c * y)
+        T[i, 1] = turn * b + along * y + c_1 * (c * x - a * z)
+        T[i, 2] = turn * c + along * z + c_1 * (a * y - b * x)
+        moved = move * (a * u + b * v + c * w) + c_3 * dot * (a * x + b * y + c * z)
+        moved += c_2 * (a * (y * w - z * v) + b * (z * u - x * w) + c * (x * v - y * u))
+        T[i, 3] = T_i[i, 3] + moved
+        T[3, i] = 0.0
+    T[3, 3] = 1.0
 
 
 @inner_kernel

@@ -18,7 +18,8 @@ from factors.structureless.bridge import Bridge
 from factors.structureless.row_kernels import (
     add_cross_products_kernel,
     add_prior_products_kernel,
-    add_squares_kernel,
+    add_square_kernel,
+    spread_rows_kernel,
     whiten_kernel,
 )
 
@@ -162,13 +163,17 @@ def _add_measurements(
 ) -> None:
     """Add JᵀJ of all columns to H, of the landmarks' with the others to `cross`, and to `own`."""
     interval, rank = found.interval, np.array([bridge.rank for bridge in found.bridges])
-    gains = np.zeros((len(interval), max(1, int(rank.max(initial=0)))))
-    ends = np.searchsorted(interval, np.arange(found.states))
+    gains = np.zeros((len(interval), int(rank.max())))
+    ends = np.searchsorted(interval, np.arange(found.states)).tolist()
     for i, bridge in enumerate(found.bridges):
         gains[ends[i] : ends[i + 1], : bridge.rank] = bridge.gains
-    columns = shared + 12 * interval, latent[interval], rank[interval], gains
-    add_squares_kernel(*columns, found.rows, H)
-    add_cross_products_kernel(found.of, *columns, found.rows, found.by_landmark, cross, own)
+    J = spread_rows_kernel(found.rows, rank[interval], gains)
+    for i, bridge in enumerate(found.bridges):
+        flat = J[ends[i] : ends[i + 1]].reshape(-1, J.shape[2])
+        columns = shared + 12.0 * i, float(latent[i]), float(bridge.rank)
+        add_square_kernel(flat.T @ flat, *columns, H)
+    places = shared + 12 * interval, latent[interval], rank[interval]
+    add_cross_products_kernel(found.of, *places, J, found.by_landmark, cross, own)
 
 
 def _add_prior(found: Rows, first: int, H: Array, cross: Array, own: Array) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from factors.kernels import (
     Array,
-    exp_kernel,
+    compose_exp_kernel,
     hermite_weights,
     inner_kernel,
     interpolated_local_kernel,
@@ -41,14 +41,9 @@ def poses_between_kernel(
     T = np.zeros((len(a), 4, 4))
     for n in range(len(a)):
         i = first[n]
-        if i + 1 >= count:
-            continue
-        local = interpolated_local_kernel(v_states[i], local_j[i], hermite_weights(a[n], b[n]))
-        step = exp_kernel(local)
-        for r in range(4):
-            for k in range(4):
-                for c in range(4):
-                    T[n, r, c] += T_states[i, r, k] * step[k, c]
+        if i + 1 < count:
+            local = interpolated_local_kernel(v_states[i], local_j[i], hermite_weights(a[n], b[n]))
+            compose_exp_kernel(T_states[i], local, T[n])
     return T
 
 
@@ -79,20 +74,21 @@ def landmarks_kernel(
     """
     found, distances = coordinates.copy(), np.empty(len(T))
     system, trial, step = np.empty((7, 4)), np.empty(3), np.empty(3)
+    factors, work = np.empty((2, 3, 3)), (np.empty(3), np.empty((3, 3)), np.empty((3, 10)))
     data = (measured, camera, whitening, weights, loss)
-    before_all = (T_first, seen, root, offset, system, distances)
+    before_all = (T_first, seen, root, offset, np.array([1.0, 1.0, 0.0, 0.0, 1.0]))
     for k in range(len(found)):
         q, chart, span = found[k], charts[k], (start[k], start[k + 1], prior[k])
-        _system_kernel(T, chart, q, *span, *data, *before_all)
+        _system_kernel(T, chart, q, *span, *data, *before_all, *work, system, distances)
         for _ in range(steps):
-            length = _step_kernel(system, step)
+            length = _step_kernel(system, factors[0], factors[1], step)
             before, scale = system[6, 0], 1.0
             if length <= _CONVERGED * (1 + before):
                 break
             while True:
                 for i in range(3):
                     trial[i] = q[i] + scale * step[i]
-                _system_kernel(T, chart, trial, *span, *data, *before_all)
+                _system_kernel(T, chart, trial, *span, *data, *before_all, *work, system, distances)
                 if system[6, 0] <= before or scale == 0.0:
                     break
                 scale = 0.5 * scale if scale > 1e-3 else 0.0
@@ -123,27 +119,20 @@ def landmark_rows_kernel(
     """
     fx, fy, cx, cy, baseline = camera[0], camera[1], camera[2], camera[3], camera[4]
     dx, dy, dz = chart[0, 3] - T[0, 3], chart[1, 3] - T[1, 3], chart[2, 3] - T[2, 3]
-    q0, q1, q2 = q[0], q[1], q[2]
-    for i in range(3):
-        a, b, c = T[0, i], T[1, i], T[2, i]
-        # The Jacobian of h with respect to q, for a moment.
-        by_q0 = a * chart[0, 0] + b * chart[1, 0] + c * chart[2, 0]
-        by_q1 = a * chart[0, 1] + b * chart[1, 1] + c * chart[2, 1]
-        by_q2 = a * dx + b * dy + c * dz
-        ahead = a * chart[0, 2] + b * chart[1, 2] + c * chart[2, 2]
-        rows[i, 6], rows[i, 7], rows[i, 8] = by_q0, by_q1, by_q2
-        h[i] = ahead + by_q0 * q0 + by_q1 * q1 + by_q2 * q2
+    q2 = q[2]
+    # All that is read before anything is written stays in registers.
+    h0, j00, j01, j02 = _seen_kernel(T[0, 0], T[1, 0], T[2, 0], chart, dx, dy, dz, q)
+    h1, j10, j11, j12 = _seen_kernel(T[0, 1], T[1, 1], T[2, 1], chart, dx, dy, dz, q)
+    h2, j20, j21, j22 = _seen_kernel(T[0, 2], T[1, 2], T[2, 2], chart, dx, dy, dz, q)
+    h[0], h[1], h[2] = h0, h1, h2
     inverse, u, v, disparity = 0.0, 2 * fx, 2 * fx, 2 * fx
     x, y = 0.0, 0.0
-    if h[2] > 0:
-        inverse = 1 / h[2]
-        x, y = h[0] * inverse, h[1] * inverse
+    if not h2 <= 0:  # a NaN stays one
+        inverse = 1 / h2
+        x, y = h0 * inverse, h1 * inverse
         u, v = fx * x + cx - measured[0], fy * y + cy - measured[1]
         disparity = fx * baseline * q2 * inverse - measured[2]
     by_u, by_v, by_disparity = fx * inverse, fy * inverse, fx * baseline * inverse
-    j00, j01, j02 = rows[0, 6], rows[0, 7], rows[0, 8]
-    j10, j11, j12 = rows[1, 6], rows[1, 7], rows[1, 8]
-    j20, j21, j22 = rows[2, 6], rows[2, 7], rows[2, 8]
     for i in range(3):
         w0, w1, w2 = whitening[i, 0], whitening[i, 1], whitening[i, 2]
         a, b, c = w0 * by_u, w1 * by_v, w2 * by_disparity
@@ -156,6 +145,18 @@ def landmark_rows_kernel(
 
 
 @inner_kernel
+def _seen_kernel(
+    a: float, b: float, c: float, chart: Array, dx: float, dy: float, dz: float, q: Array
+) -> tuple[float, float, float, float]:
+    """Compute one entry of h, along the axis (a, b, c), and its derivatives with respect to q."""
+    by_q0 = a * chart[0, 0] + b * chart[1, 0] + c * chart[2, 0]
+    by_q1 = a * chart[0, 1] + b * chart[1, 1] + c * chart[2, 1]
+    by_q2 = a * dx + b * dy + c * dz
+    ahead = a * chart[0, 2] + b * chart[1, 2] + c * chart[2, 2]
+    return ahead + by_q0 * q[0] + by_q1 * q[1] + by_q2 * q[2], by_q0, by_q1, by_q2
+
+
+@inner_kernel
 def prior_rows_kernel(
     T: Array,
     chart: Array,
@@ -163,18 +164,17 @@ def prior_rows_kernel(
     seen: Array,
     root: Array,
     offset: Array,
+    unit: Array,
     h: Array,
     by_h: Array,
     rows: Array,
 ) -> None:
-    """Write the error root (x / z, y / z, 1 / z)(T) - seen) + offset and its derivatives.
+    """Write the error root ((x / z, y / z, 1 / z)(T) - seen) + offset and its derivatives.
 
-    A camera of focal length and baseline one measures just these coordinates. The arguments are
-    those of `landmark_rows_kernel`.
+    The unit camera (1, 1, 0, 0, 1), of focal length and baseline one, measures just these
+    coordinates. The other arguments are those of `landmark_rows_kernel`.
     """
-    landmark_rows_kernel(
-        T, chart, q, seen, np.array([1.0, 1.0, 0.0, 0.0, 1.0]), root, h, by_h, rows
-    )
+    landmark_rows_kernel(T, chart, q, seen, unit, root, h, by_h, rows)
     for i in range(3):
         rows[i, 9] += offset[i]
 
@@ -212,6 +212,10 @@ def _system_kernel(
     seen: Array,
     root: Array,
     offset: Array,
+    unit: Array,
+    h: Array,
+    by_h: Array,
+    rows: Array,
     system: Array,
     distances: Array,
 ) -> None:
@@ -220,49 +224,56 @@ def _system_kernel(
     The second is the second derivative of the loss along the error, less the weight. The norms of
     the errors are written to `distances`.
     """
-    h, by_h, rows, gradient = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.empty(3)
-    for i in range(7):
-        for j in range(4):
-            system[i, j] = 0.0
+    system[:] = 0.0
     if prior >= 0:
-        prior_rows_kernel(T_first, chart, q, seen[prior], root[prior], offset[prior], h, by_h, rows)
-        for r in range(3):
-            system[6, 0] += 0.5 * rows[r, 9] * rows[r, 9]
-            for i in range(3):
-                system[i, 3] += rows[r, 6 + i] * rows[r, 9]
-                for j in range(i + 1):
-                    system[i, j] += rows[r, 6 + i] * rows[r, 6 + j]
+        known = seen[prior], root[prior], offset[prior]
+        prior_rows_kernel(T_first, chart, q, *known, unit, h, by_h, rows)
+        square = rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2
+        system[6, 0] += 0.5 * square
+        _add_square_kernel(rows, 1.0, 0.0, system)
     for n in range(first, last):
         landmark_rows_kernel(T[n], chart, q, measured[n], camera, whitening, h, by_h, rows)
         square = rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2
         distances[n] = np.sqrt(square)
         cost, weight, second = loss_kernel(square, loss)
         system[6, 0] += weights[n] * cost
-        for i in range(3):
-            gradient[i] = 0.0
-            for r in range(3):
-                gradient[i] += rows[r, 6 + i] * rows[r, 9]
-            system[i, 3] += weights[n] * weight * gradient[i]
-            for j in range(i + 1):
-                product = 0.0
-                for r in range(3):
-                    product += rows[r, 6 + i] * rows[r, 6 + j]
-                system[i, j] += weights[n] * weight * product
-        if second < weight:
-            along = weights[n] * (second - weight) / square
-            for i in range(3):
-                for j in range(i + 1):
-                    system[3 + i, j] += along * gradient[i] * gradient[j]
+        along = weights[n] * (second - weight) / square if second < weight else 0.0
+        _add_square_kernel(rows, weights[n] * weight, along, system)
 
 
 @inner_kernel
-def _step_kernel(system: Array, step: Array) -> float:
+def _add_square_kernel(rows: Array, weight: float, along: float, system: Array) -> None:
+    """Add the weighted [AᵀA Aᵀe] of three rows, and `along` times Aᵀe eᵀA to what Newton's adds."""
+    e, f, g = rows[0, 9], rows[1, 9], rows[2, 9]
+    a0, b0, c0 = rows[0, 6], rows[1, 6], rows[2, 6]
+    a1, b1, c1 = rows[0, 7], rows[1, 7], rows[2, 7]
+    a2, b2, c2 = rows[0, 8], rows[1, 8], rows[2, 8]
+    x, y, z = a0 * e + b0 * f + c0 * g, a1 * e + b1 * f + c1 * g, a2 * e + b2 * f + c2 * g
+    system[0, 0] += weight * (a0 * a0 + b0 * b0 + c0 * c0)
+    system[1, 0] += weight * (a1 * a0 + b1 * b0 + c1 * c0)
+    system[1, 1] += weight * (a1 * a1 + b1 * b1 + c1 * c1)
+    system[2, 0] += weight * (a2 * a0 + b2 * b0 + c2 * c0)
+    system[2, 1] += weight * (a2 * a1 + b2 * b1 + c2 * c1)
+    system[2, 2] += weight * (a2 * a2 + b2 * b2 + c2 * c2)
+    system[0, 3] += weight * x
+    system[1, 3] += weight * y
+    system[2, 3] += weight * z
+    if along != 0:
+        system[3, 0] += along * x * x
+        system[4, 0] += along * y * x
+        system[4, 1] += along * y * y
+        system[5, 0] += along * z * x
+        system[5, 1] += along * z * y
+        system[5, 2] += along * z * z
+
+
+@inner_kernel
+def _step_kernel(system: Array, plain: Array, newton: Array, step: Array) -> float:
     """Write Newton's step (3,), and return its squared length in standard deviations.
 
     Where that is not well determined, it is the step of reweighted least squares, and zero along
-    what that does not determine.
+    what that does not determine. `plain` and `newton` (3, 3) are written, too.
     """
-    plain, newton = np.empty((3, 3)), np.empty((3, 3))
     for i in range(3):
         for j in range(i + 1):
             plain[i, j], newton[i, j] = system[i, j], system[i, j] + system[3 + i, j]

@@ -86,16 +86,20 @@ def _chain_rule_kernel(
     c = stumpff_kernel(local[0] * local[0] + local[1] * local[1] + local[2] * local[2])
     ds = 2 * (local[0] * local[3] + local[1] * local[4] + local[2] * local[5])
     velocity, pose_j, rate_j = share[0, 0, 1], share[1, 0, 0], share[1, 0, 1]
+    B = by_states_j
     for r in range(3):
         row, line = rows[r], result[r]
         _polynomial_row_kernel(row, local, -c[0, 1], c[0, 2], -ds * c[1, 1], ds * c[1, 2], line, 0)
         _polynomial_row_kernel(row, local, -c[0, 2], c[0, 3], -ds * c[1, 2], ds * c[1, 3], line, 24)
         for k in range(6):
-            by_xi = line[24 + k]
-            line[6 + k] += velocity * by_xi
-            p, s = pose_j * by_xi, rate_j * by_xi
-            for j in range(24):
-                line[j] += p * by_states_j[k, j] + s * by_states_j[6 + k, j]
+            line[6 + k] += velocity * line[24 + k]
+        x, y, z, u, v, w = line[24], line[25], line[26], line[27], line[28], line[29]
+        for j in range(24):
+            by_pose = x * B[0, j] + y * B[1, j] + z * B[2, j]
+            by_pose += u * B[3, j] + v * B[4, j] + w * B[5, j]
+            by_rate = x * B[6, j] + y * B[7, j] + z * B[8, j]
+            by_rate += u * B[9, j] + v * B[10, j] + w * B[11, j]
+            line[j] += pose_j * by_pose + rate_j * by_rate
 
 
 @inner_kernel
@@ -146,12 +150,12 @@ def prior_system_kernel(
     """
     state = rows.shape[2] - 13
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
+    unit = np.array([1.0, 1.0, 0.0, 0.0, 1.0])
     for k in range(len(prior)):
         p = prior[k]
         if p >= 0:
-            prior_rows_kernel(
-                T_first, charts[k], coordinates[k], seen[p], root[p], offset[p], h, by_h, found
-            )
+            known = seen[p], root[p], offset[p]
+            prior_rows_kernel(T_first, charts[k], coordinates[k], *known, unit, h, by_h, found)
             pose_rows_kernel(coordinates[k], h, by_h, 1.0, found)
             for r in range(3):
                 rows[p, r, -1] = found[r, 9]
@@ -162,40 +166,37 @@ def prior_system_kernel(
 
 
 @kernel
-def add_squares_kernel(
-    state: Index, latent: Index, rank: Index, gains: Array, rows: Array, H: Array
-) -> None:
-    """Add JᵀJ of measurements, in order of the intervals between states, to H (size, size).
+def spread_rows_kernel(rows: Array, rank: Index, gains: Array) -> Array:
+    """Rows (n, 3, 25 + 6 r) whose columns are both states, the variables of xi, and the error.
 
-    The columns are those of `add_cross_products_kernel`.
+    Measurement m determines each component of xi by rank[m] variables, at most r, with gains[m].
     """
-    last, count = len(H) - 1, len(rows)
-    width = 25 + 6 * gains.shape[1]
-    J, total = np.empty((3, width)), np.zeros((width, width))
-    for m in range(count):
+    J = np.zeros((len(rows), 3, 25 + 6 * gains.shape[1]))
+    for m in range(len(rows)):
         r = rank[m]
-        w = 25 + 6 * r
         for i in range(3):
-            J[i, w - 1] = rows[m, i, 30]
+            line, found = J[m, i], rows[m, i]
             for j in range(24):
-                J[i, j] = rows[m, i, j]
+                line[j] = found[j]
             for j in range(6):
                 for g in range(r):
-                    J[i, 24 + j * r + g] = rows[m, i, 24 + j] * gains[m, g]
-        for i in range(w):
-            a, b, c, line = J[0, i], J[1, i], J[2, i], total[i, i:w]
-            x, y, z = J[0, i:w], J[1, i:w], J[2, i:w]
-            for j in range(len(line)):
-                line[j] += a * x[j] + b * y[j] + c * z[j]
-        if m + 1 == count or state[m + 1] != state[m]:
-            for i in range(w):
-                row = state[m] + i if i < 24 else latent[m] + i - 24 if i < w - 1 else last
-                for j in range(i, w):
-                    column = state[m] + j if j < 24 else latent[m] + j - 24 if j < w - 1 else last
-                    H[row, column] += total[i, j]
-                    if i != j:
-                        H[column, row] += total[i, j]
-            total[:] = 0.0
+                    line[24 + j * r + g] = found[24 + j] * gains[m, g]
+            line[-1] = found[30]
+    return J
+
+
+@kernel
+def add_square_kernel(square: Array, state: float, latent: float, rank: float, H: Array) -> None:
+    """Add JᵀJ of rows between two states, whose columns in H begin there, of this rank, to H."""
+    last, width, w = len(H) - 1, len(square) - 1, 24 + 6 * int(rank)
+    for i in range(w + 1):
+        row = int(state) + i if i < 24 else int(latent) + i - 24 if i < w else last
+        line = square[i if i < w else width]
+        for j in range(24):
+            H[row, int(state) + j] += line[j]
+        for j in range(24, w):
+            H[row, int(latent) + j - 24] += line[j]
+        H[row, last] += line[width]
 
 
 @kernel
@@ -204,32 +205,28 @@ def add_cross_products_kernel(
     state: Index,
     latent: Index,
     rank: Index,
-    gains: Array,
-    rows: Array,
+    J: Array,
     by_landmark: Array,
     cross: Array,
     own: Array,
 ) -> None:
     """Add products of the Jacobians of landmarks with all others, and with themselves.
 
-    Measurement m is of landmark of[m]. Its columns in `cross` (L, 3, size) begin at state[m], of
-    both states, and at latent[m], of rank[m] variables of each component of xi, which they
-    determine by gains[m]; the last one is the error's. `own` is (L, 3, 3).
+    Measurement m is of landmark of[m]. Its columns in `cross` (L, 3, size) begin at state[m] and at
+    latent[m], see `spread_rows_kernel`; the last one is the error's. `own` is (L, 3, 3).
     """
-    last = cross.shape[2] - 1
     for m in range(len(of)):
-        k, column, r = of[m], latent[m], rank[m]
+        k, width = of[m], 6 * rank[m]
+        a, b, c = J[m, 0], J[m, 1], J[m, 2]
         for p in range(3):
             x, y, z = by_landmark[m, 0, p], by_landmark[m, 1, p], by_landmark[m, 2, p]
-            line, found = cross[k, p], rows[m]
-            both = line[state[m] : state[m] + 24]
+            line = cross[k, p]
+            both, between = line[state[m] : state[m] + 24], line[latent[m] : latent[m] + width]
             for j in range(24):
-                both[j] += x * found[0, j] + y * found[1, j] + z * found[2, j]
-            for j in range(6):
-                by_xi = x * found[0, 24 + j] + y * found[1, 24 + j] + z * found[2, 24 + j]
-                for g in range(r):
-                    line[column + j * r + g] += by_xi * gains[m, g]
-            line[last] += x * found[0, 30] + y * found[1, 30] + z * found[2, 30]
+                both[j] += x * a[j] + y * b[j] + z * c[j]
+            for j in range(width):
+                between[j] += x * a[24 + j] + y * b[24 + j] + z * c[24 + j]
+            line[-1] += x * a[-1] + y * b[-1] + z * c[-1]
             for s in range(3):
                 own[k, p, s] += (
                     x * by_landmark[m, 0, s] + y * by_landmark[m, 1, s] + z * by_landmark[m, 2, s]
@@ -293,9 +290,9 @@ def seen_from_kernel(T: Array, charts: Array, coordinates: Array) -> tuple[Array
     count = len(coordinates)
     seen, by_chart, by_pose = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3, 6))
     h, by_h, rows, zero = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.zeros(3)
-    unit = np.eye(3)
+    root, unit = np.eye(3), np.array([1.0, 1.0, 0.0, 0.0, 1.0])
     for k in range(count):
-        prior_rows_kernel(T, charts[k], coordinates[k], zero, unit, zero, h, by_h, rows)
+        prior_rows_kernel(T, charts[k], coordinates[k], zero, root, zero, unit, h, by_h, rows)
         pose_rows_kernel(coordinates[k], h, by_h, 1.0, rows)
         for i in range(3):
             seen[k, i] = rows[i, 9]
