@@ -26,6 +26,7 @@ from factors.kernels.se3 import (
     jacobian_coefficients_kernel,
     kernel,
     log_kernel,
+    relative_kernel,
     row_major_kernel,
     se3_polynomial_kernel,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "local_jacobian_kernel",
     "local_state_kernel",
     "log_kernel",
+    "relative_kernel",
     "retract_kernel",
     "row_major_kernel",
     "rows_by_states_kernel",

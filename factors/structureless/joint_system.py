@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from factors.kernels import Array, inner_kernel, kernel
 from factors.structureless.bridge import Bridge
+from factors.structureless.prior_kernels import add_prior_products_kernel
 from factors.structureless.row_kernels import (
     add_cross_products_kernel,
-    add_prior_products_kernel,
     add_square_kernel,
     spread_rows_kernel,
     whiten_kernel,

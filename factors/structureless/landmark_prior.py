@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.kernels import Array
-from factors.lie import se3_inverse, se3_log, se3_right_jacobian_inverse
+from factors.structureless.prior_kernels import moved_rows_kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +27,8 @@ class LandmarkPrior:
         (P,) increasing identities of the landmarks.
     seen
         (P, 3) coordinates that the errors were linearized at.
-    root, by_state, by_shared, error
-        R (P, 3, 3), A (P, 3, 12), C (P, 3, d) and e (P, 3).
+    root, rows
+        R (P, 3, 3), and C, A and e beside each other, (P, 3, d + 12 + 1).
     T_world_cam, velocity
         (4, 4) and (6,) state that dx is counted from: pose perturbed on the right, then twist.
     """
@@ -36,9 +36,7 @@ class LandmarkPrior:
     number: NDArray[np.int64]
     seen: Array
     root: Array
-    by_state: Array
-    by_shared: Array
-    error: Array
+    rows: Array
     T_world_cam: Array
     velocity: Array
 
@@ -49,9 +47,7 @@ class LandmarkPrior:
             np.empty(0, np.int64),
             np.empty((0, 3)),
             np.empty((0, 3, 3)),
-            np.empty((0, 3, 12)),
-            np.empty((0, 3, 0)),
-            np.empty((0, 3)),
+            np.empty((0, 3, 13)),
             np.eye(4),
             np.zeros(6),
         )
@@ -62,12 +58,20 @@ class LandmarkPrior:
     @property
     def shared(self) -> int:
         """Number d of the variables s."""
-        return self.by_shared.shape[2]
+        return self.rows.shape[2] - 13
 
-    def at(self, T_world_cam: Array, velocity: Array) -> tuple[Array, Array]:
-        """A (P, 3, 12) and A dx + e (P, 3) of the state as it is now."""
-        step = se3_log(se3_inverse(self.T_world_cam) @ T_world_cam)
-        by_state = self.by_state.copy()
-        by_state[:, :, :6] = by_state[:, :, :6] @ se3_right_jacobian_inverse(step)
-        dx = np.concatenate([step, velocity - self.velocity])
-        return by_state, self.by_state @ dx + self.error
+    @property
+    def by_shared(self) -> Array:
+        """C (P, 3, d)."""
+        return self.rows[:, :, :-13]
+
+    @property
+    def by_state(self) -> Array:
+        """A (P, 3, 12)."""
+        return self.rows[:, :, -13:-1]
+
+    def at(self, T_world_cam: Array, velocity: Array) -> Array:
+        """Return C, A and A dx + e (P, 3, d + 12 + 1) of the state as it is now."""
+        rows = self.rows.copy()
+        moved_rows_kernel(self.T_world_cam, self.velocity, T_world_cam, velocity, self.rows, rows)
+        return rows

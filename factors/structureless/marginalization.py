@@ -24,7 +24,7 @@ from factors.structureless.fitted_landmarks import Fit
 from factors.structureless.joint_system import JointSystem, root_kernel
 from factors.structureless.landmark_prior import LandmarkPrior
 from factors.structureless.multi_landmark import StructurelessStereoFactor
-from factors.structureless.row_kernels import seen_from_kernel
+from factors.structureless.prior_kernels import known_from_kernel
 
 Index = NDArray[np.int64]
 
@@ -157,37 +157,18 @@ def _prior(
 
     Its coordinates have moved by (3,) standard deviations since.
     """
-    seen, by_chart, by_pose = seen_from_kernel(state[0], fit.charts[keep], fit.coordinates[keep])
-    root = system.root[keep] @ np.linalg.inv(by_chart)
-    cross = system.cross[keep]
-    by_leaving = np.ascontiguousarray(cross[:, :, :-13])
-    by_state = cross[:, :, -13:] + _times(by_leaving, given.by_next)
-    by_state[:, :, :6] -= root @ by_pose
-    kept, rest = _compressed(by_leaving, given.spread, shared)
-    drift = root * moved
-    noise = np.eye(3) + rest @ rest.transpose(0, 2, 1) + drift @ drift.transpose(0, 2, 1)
-    whitening = np.linalg.inv(np.linalg.cholesky(noise))
-    rows = whitening @ np.concatenate([root, by_state, kept], axis=2)
-    root, by_state, error, by_shared = np.split(rows, [3, 15, 16], axis=2)
-    return LandmarkPrior(
-        number,
-        seen,
-        np.ascontiguousarray(root),
-        np.ascontiguousarray(by_state),
-        np.ascontiguousarray(by_shared),
-        np.ascontiguousarray(error[..., 0]),
-        *state,
-    )
-
-
-def _compressed(by_leaving: Array, spread: Array, count: int) -> tuple[Array, Array]:
-    """Rows (P, 3, count) of the variables that matter most, and (P, 3, rest) of all others."""
+    by_leaving = np.ascontiguousarray(system.cross[keep, :, :-13])
     flat = by_leaving.reshape(-1, by_leaving.shape[2])
-    _, vectors = np.linalg.eigh(spread.T @ (flat.T @ flat) @ spread)
-    turned = _times(by_leaving, spread @ vectors[:, ::-1])
-    return turned[:, :, :count], turned[:, :, count:]
-
-
-def _times(rows: Array, matrix: Array) -> Array:
-    """Product (P, 3, n) of rows (P, 3, m) with one matrix (m, n), in one call of BLAS."""
-    return (rows.reshape(-1, rows.shape[2]) @ matrix).reshape(*rows.shape[:2], matrix.shape[1])
+    _, vectors = np.linalg.eigh(given.spread.T @ (flat.T @ flat) @ given.spread)
+    # The variables that matter most come first.
+    turn = given.spread @ vectors[:, ::-1]
+    d = min(shared, turn.shape[1])
+    turned = flat @ np.concatenate([turn[:, :d], given.by_next, turn[:, d:]], axis=1)
+    turned[:, d : d + 13] += system.cross[keep, :, -13:].reshape(-1, 13)
+    count = len(number)
+    seen, root, rows = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3, d + 13))
+    own, turned = system.root[keep], turned.reshape(count, 3, turned.shape[1])
+    known_from_kernel(
+        state[0], fit.charts[keep], fit.coordinates[keep], own, turned, moved, seen, root, rows
+    )
+    return LandmarkPrior(number, seen, root, rows, *state)

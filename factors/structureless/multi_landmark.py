@@ -25,7 +25,8 @@ from factors.structureless.bridge import Bridge
 from factors.structureless.fitted_landmarks import Fit, FittedLandmarks, checked_measurements
 from factors.structureless.joint_system import JointSystem, Rows, root_kernel
 from factors.structureless.landmark_prior import LandmarkPrior
-from factors.structureless.row_kernels import measurement_rows_kernel, prior_system_kernel
+from factors.structureless.prior_kernels import prior_system_kernel
+from factors.structureless.row_kernels import measurement_rows_kernel
 from factors.structureless.states_between import StatesBetween
 from factors.variables import State, as_state
 
@@ -227,7 +228,7 @@ class LandmarkWindow:
 
     def fit(self, T_states: Array, v_states: Array) -> Fit:
         """Landmarks that fit best, given the states of the graph."""
-        _, offset = self.prior.at(T_states[0], v_states[0])
+        offset = np.ascontiguousarray(self.prior.at(T_states[0], v_states[0])[:, :, -1])
         return self.landmarks.fit(self.between.poses(T_states, v_states), T_states[0], offset)
 
     def moved_fit(self, T_states: Array, v_states: Array, count: int) -> Fit:
@@ -378,8 +379,7 @@ class LandmarkWindow:
     def _prior_rows(self, T_first: Array, v_first: Array, fit: Fit) -> tuple[Array, Array, Index]:
         """Rows (P, 3, d + 12 + 1) and (P, 3, 3) of the prior, and its landmarks (P,)."""
         prior, prior_of = self.prior, self.landmarks.prior_of
-        by_state, offset = prior.at(T_first, v_first)
-        rows = np.concatenate([prior.by_shared, by_state, offset[..., None]], axis=2)
+        rows = prior.at(T_first, v_first)
         by_landmark = np.empty((len(prior), 3, 3))
         prior_system_kernel(
             T_first,
@@ -388,7 +388,6 @@ class LandmarkWindow:
             prior_of,
             prior.seen,
             prior.root,
-            offset,
             rows,
             by_landmark,
         )

@@ -24,7 +24,6 @@ from factors.structureless.landmark_kernels import (
     Index,
     landmark_rows_kernel,
     pose_rows_kernel,
-    prior_rows_kernel,
 )
 
 
@@ -132,40 +131,6 @@ def _polynomial_row_kernel(
 
 
 @kernel
-def prior_system_kernel(
-    T_first: Array,
-    charts: Array,
-    coordinates: Array,
-    prior: Index,
-    seen: Array,
-    root: Array,
-    offset: Array,
-    rows: Array,
-    by_landmark: Array,
-) -> None:
-    """Complete the rows (P, 3, d + 12 + 1) of a prior, and write those by its landmarks (P, 3, 3).
-
-    The columns of rows hold C and A already; the Jacobian with respect to the first state's pose
-    and the error are added.
-    """
-    state = rows.shape[2] - 13
-    h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
-    unit = np.array([1.0, 1.0, 0.0, 0.0, 1.0])
-    for k in range(len(prior)):
-        p = prior[k]
-        if p >= 0:
-            known = seen[p], root[p], offset[p]
-            prior_rows_kernel(T_first, charts[k], coordinates[k], *known, unit, h, by_h, found)
-            pose_rows_kernel(coordinates[k], h, by_h, 1.0, found)
-            for r in range(3):
-                rows[p, r, -1] = found[r, 9]
-                for c in range(6):
-                    rows[p, r, state + c] += found[r, c]
-                for c in range(3):
-                    by_landmark[p, r, c] = found[r, 6 + c]
-
-
-@kernel
 def spread_rows_kernel(rows: Array, rank: Index, gains: Array) -> Array:
     """Rows (n, 3, 25 + 6 r) whose columns are both states, the variables of xi, and the error.
 
@@ -234,27 +199,6 @@ def add_cross_products_kernel(
 
 
 @kernel
-def add_prior_products_kernel(
-    of: Index, first: float, rows: Array, by_landmark: Array, cross: Array, own: Array
-) -> None:
-    """Add the same of the rows of a prior, whose columns begin at the first one in `cross`."""
-    start, count = int(first), rows.shape[2] - 1
-    for m in range(len(of)):
-        a, b, c = rows[m, 0], rows[m, 1], rows[m, 2]
-        for p in range(3):
-            x, y, z = by_landmark[m, 0, p], by_landmark[m, 1, p], by_landmark[m, 2, p]
-            line = cross[of[m], p]
-            part = line[start : start + count]
-            for j in range(count):
-                part[j] += x * a[j] + y * b[j] + z * c[j]
-            line[-1] += x * a[count] + y * b[count] + z * c[count]
-            for s in range(3):
-                own[of[m], p, s] += (
-                    x * by_landmark[m, 0, s] + y * by_landmark[m, 1, s] + z * by_landmark[m, 2, s]
-                )
-
-
-@kernel
 def whiten_kernel(own: Array, cross: Array, known: Array) -> None:
     """Replace each `own` (3, 3) by its root U, UᵀU = own, and `cross` (3, size) by U⁻ᵀ cross.
 
@@ -279,28 +223,6 @@ def whiten_kernel(own: Array, cross: Array, known: Array) -> None:
                 own[k, i, j] *= scale if j >= i else 0.0
             for j in range(cross.shape[2]):
                 cross[k, i, j] *= scale
-
-
-@kernel
-def seen_from_kernel(T: Array, charts: Array, coordinates: Array) -> tuple[Array, Array, Array]:
-    """Coordinates (L, 3) of landmarks in the frame T, and their derivatives.
-
-    (L, 3, 3) by those in the charts (L, 4, 4), and (L, 3, 6) by the pose T.
-    """
-    count = len(coordinates)
-    seen, by_chart, by_pose = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3, 6))
-    h, by_h, rows, zero = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.zeros(3)
-    root, unit = np.eye(3), np.array([1.0, 1.0, 0.0, 0.0, 1.0])
-    for k in range(count):
-        prior_rows_kernel(T, charts[k], coordinates[k], zero, root, zero, unit, h, by_h, rows)
-        pose_rows_kernel(coordinates[k], h, by_h, 1.0, rows)
-        for i in range(3):
-            seen[k, i] = rows[i, 9]
-            for j in range(3):
-                by_chart[k, i, j] = rows[i, 6 + j]
-            for j in range(6):
-                by_pose[k, i, j] = rows[i, j]
-    return seen, by_chart, by_pose
 
 
 @kernel

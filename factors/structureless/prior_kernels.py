@@ -1,0 +1,182 @@
+"""Rows of what is known of landmarks from before a window: see `LandmarkPrior`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from factors.kernels import (
+    RIGHT,
+    Array,
+    inner_kernel,
+    inverse_coefficients_kernel,
+    kernel,
+    log_kernel,
+    relative_kernel,
+    se3_polynomial_kernel,
+)
+from factors.structureless.landmark_kernels import Index, pose_rows_kernel, prior_rows_kernel
+
+
+@kernel
+def moved_rows_kernel(
+    T_prior: Array, v_prior: Array, T: Array, v: Array, known: Array, rows: Array
+) -> None:
+    """Count the rows (P, 3, d + 12 + 1) of a prior from another state, given a copy of them.
+
+    Those of the pose are multiplied by the inverse of Jr(step), and A dx is added to the error.
+    """
+    state, dx = rows.shape[2] - 13, np.empty(12)
+    dx[:6] = log_kernel(relative_kernel(T_prior, T))
+    dx[6:] = v - v_prior
+    inverse = se3_polynomial_kernel(dx, inverse_coefficients_kernel(dx, RIGHT))
+    for p in range(len(rows)):
+        for r in range(3):
+            line, a = rows[p, r], known[p, r, state:]
+            for c in range(6):
+                line[state + c] = 0.0
+                for k in range(6):
+                    line[state + c] += a[k] * inverse[k, c]
+            for c in range(12):
+                line[-1] += a[c] * dx[c]
+
+
+@kernel
+def prior_system_kernel(
+    T_first: Array,
+    charts: Array,
+    coordinates: Array,
+    prior: Index,
+    seen: Array,
+    root: Array,
+    rows: Array,
+    by_landmark: Array,
+) -> None:
+    """Complete the rows (P, 3, d + 12 + 1) of a prior, and write those by its landmarks (P, 3, 3).
+
+    Rows hold those of `LandmarkPrior.at`; the error of the coordinates and its Jacobian with
+    respect to the first state's pose are added.
+    """
+    state = rows.shape[2] - 13
+    h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
+    unit, zero = np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(3)
+    for k in range(len(prior)):
+        p = prior[k]
+        if p >= 0:
+            known = seen[p], root[p], zero
+            prior_rows_kernel(T_first, charts[k], coordinates[k], *known, unit, h, by_h, found)
+            pose_rows_kernel(coordinates[k], h, by_h, 1.0, found)
+            for r in range(3):
+                rows[p, r, -1] += found[r, 9]
+                for c in range(6):
+                    rows[p, r, state + c] += found[r, c]
+                for c in range(3):
+                    by_landmark[p, r, c] = found[r, 6 + c]
+
+
+@kernel
+def add_prior_products_kernel(
+    of: Index, first: float, rows: Array, by_landmark: Array, cross: Array, own: Array
+) -> None:
+    """Add the same of the rows of a prior, whose columns begin at the first one in `cross`."""
+    start, count = int(first), rows.shape[2] - 1
+    for m in range(len(of)):
+        a, b, c = rows[m, 0], rows[m, 1], rows[m, 2]
+        for p in range(3):
+            x, y, z = by_landmark[m, 0, p], by_landmark[m, 1, p], by_landmark[m, 2, p]
+            line = cross[of[m], p]
+            part = line[start : start + count]
+            for j in range(count):
+                part[j] += x * a[j] + y * b[j] + z * c[j]
+            line[-1] += x * a[count] + y * b[count] + z * c[count]
+            for s in range(3):
+                own[of[m], p, s] += (
+                    x * by_landmark[m, 0, s] + y * by_landmark[m, 1, s] + z * by_landmark[m, 2, s]
+                )
+
+
+@kernel
+def known_from_kernel(
+    T: Array,
+    charts: Array,
+    coordinates: Array,
+    own: Array,
+    turned: Array,
+    moved: Array,
+    seen: Array,
+    root: Array,
+    rows: Array,
+) -> None:
+    """Write what is known of landmarks (P,) as they are seen from the pose T.
+
+    Their own rows (P, 3, 3) are with respect to coordinates in the charts; `turned` holds those of
+    the variables that are kept (d), of the state at T (12), of the error, and of the other
+    variables, which only add noise, as the move of the coordinates by (3,) deviations does. Written
+    are the coordinates (P, 3), and the rows of these (P, 3, 3) and of the first d + 12 + 1 columns,
+    the noise being one.
+    """
+    h, by_h, found, zero, unit = (
+        np.empty(3),
+        np.empty((3, 3)),
+        np.empty((3, 10)),
+        np.zeros(3),
+        np.eye(3),
+    )
+    camera, noise, inverse = np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.empty((3, 3)), np.empty((3, 3))
+    width = rows.shape[2]
+    for k in range(len(seen)):
+        prior_rows_kernel(T, charts[k], coordinates[k], zero, unit, zero, camera, h, by_h, found)
+        pose_rows_kernel(coordinates[k], h, by_h, 1.0, found)
+        _inverse_kernel(found[:, 6:9], inverse)
+        for i in range(3):
+            seen[k, i] = found[i, 9]
+            for j in range(3):
+                root[k, i, j] = 0.0
+                for m in range(3):
+                    root[k, i, j] += own[k, i, m] * inverse[m, j]
+            for j in range(width):
+                rows[k, i, j] = turned[k, i, j]
+            for j in range(6):
+                for m in range(3):
+                    rows[k, i, width - 13 + j] -= root[k, i, m] * found[m, j]
+        for i in range(3):
+            for j in range(i + 1):
+                noise[i, j] = 1.0 if i == j else 0.0
+                for m in range(3):
+                    noise[i, j] += root[k, i, m] * root[k, j, m] * moved[m] * moved[m]
+                for m in range(width, turned.shape[2]):
+                    noise[i, j] += turned[k, i, m] * turned[k, j, m]
+        _whiten_rows_kernel(noise, root[k], rows[k])
+
+
+@inner_kernel
+def _inverse_kernel(A: Array, inverse: Array) -> None:
+    """Write the inverse of a matrix (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            inverse[i, j] = A[a, c] * A[b, d] - A[a, d] * A[b, c]
+    determinant = A[0, 0] * inverse[0, 0] + A[0, 1] * inverse[1, 0] + A[0, 2] * inverse[2, 0]
+    for i in range(3):
+        for j in range(3):
+            inverse[i, j] /= determinant
+
+
+@inner_kernel
+def _whiten_rows_kernel(noise: Array, first: Array, others: Array) -> None:
+    """Multiply rows by the inverse of the Cholesky factor of the noise (3, 3), its lower half."""
+    for i in range(3):
+        for m in range(i):
+            scale = noise[i, m]
+            for j in range(i, 3):
+                noise[j, i] -= scale * noise[j, m]
+            for j in range(3):
+                first[i, j] -= scale * first[m, j]
+            for j in range(others.shape[1]):
+                others[i, j] -= scale * others[m, j]
+        unit = 1 / np.sqrt(noise[i, i])
+        for j in range(i, 3):
+            noise[j, i] *= unit
+        for j in range(3):
+            first[i, j] *= unit
+        for j in range(others.shape[1]):
+            others[i, j] *= unit
