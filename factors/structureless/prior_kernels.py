@@ -114,19 +114,14 @@ def known_from_kernel(
     are the coordinates (P, 3), and the rows of these (P, 3, 3) and of the first d + 12 + 1 columns,
     the noise being one.
     """
-    h, by_h, found, zero, unit = (
-        np.empty(3),
-        np.empty((3, 3)),
-        np.empty((3, 10)),
-        np.zeros(3),
-        np.eye(3),
-    )
-    camera, noise, inverse = np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.empty((3, 3)), np.empty((3, 3))
+    h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
+    noise, inverse = np.empty((3, 3)), np.empty((3, 3))
+    exact = np.zeros(3), np.eye(3), np.zeros(3), np.array([1.0, 1.0, 0.0, 0.0, 1.0])
     width = rows.shape[2]
     for k in range(len(seen)):
-        prior_rows_kernel(T, charts[k], coordinates[k], zero, unit, zero, camera, h, by_h, found)
+        prior_rows_kernel(T, charts[k], coordinates[k], *exact, h, by_h, found)
         pose_rows_kernel(coordinates[k], h, by_h, 1.0, found)
-        _inverse_kernel(found[:, 6:9], inverse)
+        _inverse_kernel(found, inverse)
         for i in range(3):
             seen[k, i] = found[i, 9]
             for j in range(3):
@@ -149,13 +144,15 @@ def known_from_kernel(
 
 
 @inner_kernel
-def _inverse_kernel(A: Array, inverse: Array) -> None:
-    """Write the inverse of a matrix (3, 3)."""
+def _inverse_kernel(rows: Array, inverse: Array) -> None:
+    """Write the inverse (3, 3) of the columns 6 to 8 of rows (3, 10)."""
     for i in range(3):
         for j in range(3):
-            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
-            inverse[i, j] = A[a, c] * A[b, d] - A[a, d] * A[b, c]
-    determinant = A[0, 0] * inverse[0, 0] + A[0, 1] * inverse[1, 0] + A[0, 2] * inverse[2, 0]
+            a, b, c, d = (j + 1) % 3, (j + 2) % 3, 6 + (i + 1) % 3, 6 + (i + 2) % 3
+            inverse[i, j] = rows[a, c] * rows[b, d] - rows[a, d] * rows[b, c]
+    determinant = 0.0
+    for i in range(3):
+        determinant += rows[0, 6 + i] * inverse[i, 0]
     for i in range(3):
         for j in range(3):
             inverse[i, j] /= determinant
