@@ -88,6 +88,7 @@ class Incremental:
                 raise ValueError(f"{name} is in the solver already")
             if timed and not (others and key in others[0]):
                 raise ValueError(f"{name} must have a time in the time stamps")
+        others = others or (({},) if timed else ())
         both = gtsam.Values(self._held)
         both.insert(values)
         check_values(graph, both)

@@ -2,7 +2,7 @@
 
 from gpvo.config import Configuration
 from gpvo.errors import InputError
-from gpvo.estimator import FixedLagSmoother
+from gpvo.estimator import FixedLagSmoother, InitialState
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
 from gpvo.tracking import Measurements
@@ -11,6 +11,7 @@ from gpvo.trajectory import Trajectory
 __all__ = [
     "Configuration",
     "FixedLagSmoother",
+    "InitialState",
     "InputError",
     "Measurements",
     "Odometry",

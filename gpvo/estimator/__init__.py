@@ -3,12 +3,14 @@
 from gpvo.estimator.blas_threads import one_blas_thread
 from gpvo.estimator.diagnostics import Diagnostic
 from gpvo.estimator.estimator import Estimator, make_estimator
+from gpvo.estimator.initialization import InitialState
 from gpvo.estimator.smoother import FixedLagSmoother
 
 __all__ = [
     "Diagnostic",
     "Estimator",
     "FixedLagSmoother",
+    "InitialState",
     "make_estimator",
     "one_blas_thread",
 ]

@@ -20,7 +20,12 @@ from gpvo.estimator.diagnostics import (
 from gpvo.estimator.gate import within_gate
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import NumberedStates
-from gpvo.estimator.initialization import start_deviations, start_states, velocity_ahead
+from gpvo.estimator.initialization import (
+    InitialState,
+    start_deviations,
+    start_states,
+    velocity_ahead,
+)
 from gpvo.estimator.isam2 import FAILURES, pairs_of_neighbours
 from gpvo.estimator.state_times import Lag, state_times
 from gpvo.mc_ransac.iterative import VelocityFit
@@ -79,7 +84,9 @@ class SlidingWindow:
             if len(usable) == 0:
                 return
             start = usable.t.min()
-            self._states = start_states(start, velocity_estimate, self._build.noise)
+            self._states = start_states(
+                start, velocity_estimate, InitialState.at_origin(self._build.noise)
+            )
         earlier = self._measurements
         self._add(end_time, self._accepted(usable))
         t = self._window_times()

@@ -2,12 +2,55 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import V, X
 
+from factors import InterpolatedFactor
+from factors.inner_factor import InnerFactor
 from gpvo.estimator.diagnostics import Diagnostic
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
 from gpvo.estimator.isam2 import FAILURES
+
+LEFT_OUT = "factor of your own left out"
+
+
+@dataclass(frozen=True, eq=False)
+class Waiting:
+    """A factor that waits for the next update, or for states around its own time t, seconds."""
+
+    factor: InnerFactor
+    t: float | None
+    velocity: int | None
+
+    @property
+    def name(self) -> str:
+        """The time, or GTSAM's name of the first key."""
+        if self.t is not None:
+            return f"t = {self.t:.6f} s"
+        keys = list(getattr(self.factor, "keys", list)())
+        return gtsam.DefaultKeyFormatter(keys[0]) if keys else "no key"
+
+    def between(self, window: NumberedStates) -> gtsam.NonlinearFactor:
+        """Return the factor, at its own time between the key states around it.
+
+        Raises
+        ------
+        ValueError
+            If the time lies before the window, or it is no factor of a pose.
+        """
+        if self.t is None:
+            if not isinstance(self.factor, gtsam.NonlinearFactor):
+                raise ValueError(f"{type(self.factor).__name__} is no factor")
+            return self.factor
+        times, numbers = window.states.t, window.numbers
+        if len(times) < 2 or self.t < times[0]:
+            raise ValueError(f"its time lies before the window, {times[0]:.6f} s")
+        i = min(int(np.searchsorted(times, self.t, "right")), len(times) - 1) - 1
+        before, after = ((X(numbers[k]), V(numbers[k]), float(times[k])) for k in (i, i + 1))
+        return InterpolatedFactor(self.factor, before, after, self.t, velocity=self.velocity)
 
 
 class OwnFactors:
@@ -16,25 +59,33 @@ class OwnFactors:
     Attributes
     ----------
     new, active
-        Those that wait, and those of which all states are in the window.
+        Those that wait, some for their own time, and those of which all states are in the window.
     """
 
     def __init__(self) -> None:
-        self.new: list[gtsam.NonlinearFactor] = []
+        self.new: list[Waiting] = []
         self.active: list[gtsam.NonlinearFactor] = []
 
     def add_to(self, update: GraphUpdate, window: NumberedStates) -> list[Diagnostic]:
         """Add the waiting factors to an update; return a diagnostic for each one that fails."""
         diagnostics, t = [], float(window.states.t[-1])
         values = window.values()
-        for factor in self.new:
+        ahead = [waiting for waiting in self.new if waiting.t is not None and waiting.t > t]
+        for waiting in self.new:
+            if waiting in ahead:
+                continue
+            try:
+                factor = waiting.between(window)
+            except ValueError as error:
+                diagnostics.append(Diagnostic(waiting.name, t, None, f"{LEFT_OUT}: {error}"))
+                continue
             fault = fault_of(factor, values)
             if fault is None:
                 self.active.append(factor)
                 update.add_factors([factor])
             else:
                 diagnostics.append(Diagnostic(fault[0], t, None, fault[1]))
-        self.new = []
+        self.new = ahead
         return diagnostics
 
     def drop_failing(self, window: NumberedStates) -> list[Diagnostic]:
@@ -81,10 +132,10 @@ def fault_of(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> tuple[str, 
     missing = [key for key in keys if not values.exists(key)]
     if missing:
         name = gtsam.DefaultKeyFormatter(missing[0])
-        return name, "factor of your own left out: its state is not in the window"
+        return name, f"{LEFT_OUT}: its state is not in the window"
     name = gtsam.DefaultKeyFormatter(keys[0]) if keys else "no key"
     try:
         finite = np.isfinite(factor.linearize(values).augmentedJacobian()).all()
     except (*FAILURES, TypeError) as error:
-        return name, f"factor of your own left out: {error}"
-    return None if finite else (name, "factor of your own left out: its error is not finite")
+        return name, f"{LEFT_OUT}: {error}"
+    return None if finite else (name, f"{LEFT_OUT}: its error is not finite")

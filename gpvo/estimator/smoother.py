@@ -8,6 +8,7 @@ from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
 from factors import StatesBetween, StereoCamera
+from factors.inner_factor import InnerFactor
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.blas_threads import one_blas_thread
 from gpvo.estimator.diagnostics import Diagnostic, checked_measurements, split_usable
@@ -15,7 +16,7 @@ from gpvo.estimator.final_states import correct_final_states
 from gpvo.estimator.gate import within_gate
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
-from gpvo.estimator.initialization import start_deviations, start_states, velocity_ahead
+from gpvo.estimator.initialization import InitialState, start_states, velocity_ahead
 from gpvo.estimator.isam2 import (
     FAILURES,
     are_covariances,
@@ -25,7 +26,8 @@ from gpvo.estimator.isam2 import (
     prior_covariance,
     states_of,
 )
-from gpvo.estimator.own_factors import OwnFactors, factors_that_leave
+from gpvo.estimator.own_factors import LEFT_OUT as OWN_LEFT_OUT
+from gpvo.estimator.own_factors import OwnFactors, Waiting, factors_that_leave
 from gpvo.estimator.state_times import SAME_TIME, Lag, key_interval, key_times, state_times
 from gpvo.estimator.window_landmarks import WindowLandmarks, merged_states
 from gpvo.mc_ransac.iterative import VelocityFit
@@ -51,6 +53,17 @@ class FixedLagSmoother:
     >>> smoother = FixedLagSmoother(camera, NoiseConfig(), EstimatorConfig())
     >>> smoother.update(end_time, measurements)
     >>> smoother.add(gtsam.GPSFactor(X(smoother.window[-1]), position, noise))
+    >>> smoother.add(gtsam.GPSFactor(0, position, noise), t=0.123)
+
+    Parameters
+    ----------
+    camera
+        Intrinsics of the rectified pair.
+    noise, config
+        By default those of the paper, and a window of clusters' ends.
+    initial
+        State at the first measurement, in a world of your own: that of GPS, say. By default the
+        world is the first pose.
     """
 
     def __init__(
@@ -58,10 +71,13 @@ class FixedLagSmoother:
         camera: StereoCamera,
         noise: NoiseConfig | None = None,
         config: EstimatorConfig | None = None,
+        initial: InitialState | None = None,
     ) -> None:
         self.diagnostics: list[Diagnostic] = []
         self._config = config or EstimatorConfig()
         self._build = GraphBuilder(camera, noise or NoiseConfig(), self._config)
+        self._initial = initial or InitialState.at_origin(self._build.noise)
+        self._has_world = initial is not None
         self._lag = Lag(self._config)
         self._landmarks = WindowLandmarks(self._build)
         self._own = OwnFactors()
@@ -109,14 +125,51 @@ class FixedLagSmoother:
             self.diagnostics += self._own.add_to(update, self._window)
             self._solve(update, accepted)
 
-    def add(self, *factors: gtsam.NonlinearFactor) -> None:
-        """Add factors of your own between key states in the window, such as IMU, GPS, or odometry.
+    def add(
+        self, *factors: InnerFactor, t: float | None = None, velocity: int | None = None
+    ) -> None:
+        """Add factors of your own, such as IMU, GPS, or odometry.
 
-        They are used from the next update on, and marginalised with the first of their states. One
-        that fails, or has a state that is not in the window by then, is left out and listed in
-        `diagnostics`.
+        Without t they are of key states in the window, and used from the next update on. With a
+        time t, seconds, they are of the pose at t, which their first key stands for, and of the
+        body twist if `velocity` is their key that stands for it: see `factors.InterpolatedFactor`.
+        They then wait until the window reaches t. They are marginalised with the first of their
+        states. One that fails, or has a state or a time that is not in the window, is left out and
+        listed in `diagnostics`.
         """
-        self._own.new += factors
+        self._own.new += [Waiting(factor, t, velocity) for factor in factors]
+
+    def calculateEstimate(self) -> gtsam.Values:
+        """Return the key states X(k), V(k) in the window as estimated now."""
+        return self._window.values()
+
+    def marginalCovariance(self, key: int) -> Array:
+        """Return the covariance (6, 6) of X(k), perturbed on the right, or of V(k).
+
+        Raises
+        ------
+        ValueError
+            If it is not in the window.
+        """
+        keys = [key for k in self.window[: self._solved] for key in (X(k), V(k))]
+        if key not in keys:
+            raise ValueError(f"{gtsam.DefaultKeyFormatter(key)} is not in the window")
+        own = slice(6 * keys.index(key), 6 * keys.index(key) + 6)
+        return self._covariance()[own, own]
+
+    @property
+    def landmarks(self) -> tuple[NDArray[np.int64], Array]:
+        """Identities (L,) of the landmarks in the window, and their points (L, 3) in the world."""
+        return self._landmarks.points(self._window)
+
+    @property
+    def graph(self) -> gtsam.NonlinearFactorGraph:
+        """Factors of the key states as they stand, with what was marginalised."""
+        found, factors = gtsam.NonlinearFactorGraph(), self._smoother.getFactors()
+        for factor in map(factors.at, range(factors.size())):
+            if factor is not None:
+                found.push_back(factor)
+        return found
 
     @property
     def states(self) -> States:
@@ -142,7 +195,8 @@ class FixedLagSmoother:
             now = self._knots_of(inside)
         knots = CovarianceKnots.joined(CovarianceKnots.extended(self._knots, now))
         states = States.concatenate([*self._final, inside])
-        return Trajectory.of_states(states, knots, self._build.noise, start_ns)
+        from_first = not self._has_world
+        return Trajectory.of_states(states, knots, self._build.noise, start_ns, from_first)
 
     def final_states(self, after: float = -np.inf) -> States:
         """Return states later than `after`, seconds, that will not change any more."""
@@ -164,8 +218,8 @@ class FixedLagSmoother:
         self._linearization_point = self._smoother.getLinearizationPoint()
 
     def _begin(self, update: GraphUpdate, t: float, velocity: VelocityFit | None) -> None:
-        """Make the first state, whose pose defines the world."""
-        self._keys = start_states(t, velocity, self._build.noise)
+        """Make the first state."""
+        self._keys = start_states(t, velocity, self._initial)
         update.add_states(self._window)
         update.add_factors(self._prior_on_first_state())
 
@@ -177,8 +231,7 @@ class FixedLagSmoother:
     @property
     def _first_covariance(self) -> Array:
         """(12, 12) of the window's first state when it was solved last."""
-        deviations = start_deviations(self._build.noise)
-        return CovarianceKnots.last_covariance(self._knots, deviations)
+        return self._knots[-1].joint[-1, 12:, 12:] if self._knots else self._initial.covariance
 
     def _keep_what_leaves(self) -> None:
         """Keep the states that the latest cluster made old, and their covariances."""
@@ -260,6 +313,8 @@ class FixedLagSmoother:
         if self._failure(self._window_again()) is None:
             return
         if self._own.active:
+            if self._without_one_own_factor():
+                return
             self._report("indeterminate: factors of your own were left out")
             self._own.active.clear()
             if self._failure(self._window_again()) is None:
@@ -271,6 +326,18 @@ class FixedLagSmoother:
         self._keys = self._keys[:1].at(self._keys.t)
         if self._failure(self._window_again()) is not None:
             self._between, self._solved = None, len(self._keys)
+
+    def _without_one_own_factor(self) -> bool:
+        """Leave out the one factor of a user's own, if any, without which the window is solved."""
+        for factor in reversed(tuple(self._own.active)):
+            place = self._own.active.index(factor)
+            self._own.active.pop(place)
+            if self._failure(self._window_again()) is None:
+                key, t = gtsam.DefaultKeyFormatter(factor.keys()[0]), float(self._keys.t[-1])
+                self.diagnostics.append(Diagnostic(key, t, None, f"{OWN_LEFT_OUT}: indeterminate"))
+                return True
+            self._own.active.insert(place, factor)
+        return False
 
     def _report(self, reason: str) -> None:
         key = gtsam.DefaultKeyFormatter(X(self._first))

@@ -88,6 +88,12 @@ class WindowLandmarks:
             return None
         return self._build.structureless(window.numbers, window.states.t, used, self._prior)
 
+    def points(self, window: NumberedStates) -> tuple[NDArray[np.int64], Array]:
+        """Return (L,) identities of the landmarks and the (L, 3) points that fit best."""
+        if self._factor is None:
+            return np.empty(0, np.int64), np.empty((0, 3))
+        return self._factor.landmarks(window.values())
+
     def states_between(self, window: NumberedStates) -> StatesBetween | None:
         """Return the states at unique times, given those of the window as they are now."""
         if self._factor is None:

@@ -39,11 +39,6 @@ class CovarianceKnots:
         t = [parts[0].t, *(part.t[1:] for part in parts[1:])]
         return CovarianceKnots(np.concatenate(t), np.concatenate([part.joint for part in parts]))
 
-    @staticmethod
-    def last_covariance(parts: Sequence[CovarianceKnots], start_deviations: Array) -> Array:
-        """(12, 12) of the last knot of all; of the first state (12,) if there is none."""
-        return parts[-1].joint[-1, 12:, 12:] if parts else np.diag(start_deviations**2)
-
     @property
     def nbytes(self) -> int:
         """Size of the arrays."""

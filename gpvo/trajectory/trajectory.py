@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Motion of the rectified left camera in the world frame of its first pose.
+    """Motion of the rectified left camera, in the world of its first pose or of an initial state.
 
     Attributes
     ----------
@@ -59,13 +59,18 @@ class Trajectory:
 
     @staticmethod
     def of_states(
-        states: States, knots: CovarianceKnots, noise: NoiseConfig, start_ns: int
+        states: States,
+        knots: CovarianceKnots,
+        noise: NoiseConfig,
+        start_ns: int,
+        from_first: bool = True,
     ) -> Trajectory:
-        """Make the trajectory of estimated states; the first pose becomes the world frame."""
+        """Make the trajectory of estimated states; by default the first pose becomes the world."""
+        T = states.T_world_cam
         return Trajectory(
             start_ns,
             states.t,
-            se3_inverse(states.T_world_cam[0]) @ states.T_world_cam,
+            se3_inverse(T[0]) @ T if from_first else T,
             states.twist,
             np.array(noise.acceleration_psd),
             np.searchsorted(states.t, knots.t),

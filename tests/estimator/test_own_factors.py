@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, V, X
 from runs import PERIOD, regular
-from synthetic import CAMERA, tracklets
+from synthetic import CAMERA, constant_velocity, tracklets
 
-from gpvo import FixedLagSmoother
+from factors.lie import se3_exp
+from gpvo import FixedLagSmoother, InitialState, Measurements
 from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.trajectory import Trajectory
 
@@ -161,3 +162,126 @@ def test_factors_before_the_first_measurement_wait_or_are_listed() -> None:
     for end_time, part in regular(parts):
         smoother.update(end_time, part)
     assert [found.key for found in smoother.diagnostics] == ["v999"]
+
+
+# A world of one's own, and factors at their own times.
+
+START = float(tracklets(9, noise=0.3)[0].t.min())
+ENU = se3_exp([0.3, -0.2, 1.1, 150.0, -80.0, 20.0])
+"""Pose of the first camera in a world of GPS, 170 m from its origin."""
+
+
+def gps_at(t: float, sigma: float = 1e-3) -> gtsam.GPSFactor:
+    """A position at any time, in that world."""
+    position = (ENU @ constant_velocity(np.array([t]))[0])[:3, 3]
+    return gtsam.GPSFactor(0, position, gtsam.noiseModel.Isotropic.Sigma(3, sigma))
+
+
+def initial_state(off: float = 0.0) -> InitialState:
+    """Known to a degree and half a metre and off by as many of these, or else known well."""
+    deviations = np.repeat([0.02, 0.5, 0.3, 0.3] if off else [1e-3, 1e-2, 1, 1], 3)
+    wrong = off * np.r_[deviations[:6]] * [1, -1, 1, 1, 1, -1]
+    start = constant_velocity(np.array([START]))[0]
+    return InitialState(ENU @ start @ se3_exp(wrong), np.zeros(6), np.diag(deviations**2))
+
+
+def in_enu(initial: InitialState | None, times: list[float]) -> FixedLagSmoother:
+    config = EstimatorConfig(window=3, state_interval=0.025)
+    smoother = FixedLagSmoother(CAMERA, NoiseConfig(), config, initial)
+    for t in times:
+        smoother.add(gps_at(t), t=t)
+    for end_time, part in regular(tracklets(9, noise=0.3)):
+        smoother.update(end_time, part)
+    return smoother
+
+
+def test_an_initial_state_is_the_world() -> None:
+    """Without anything else the trajectory is that of the default world, moved to it."""
+    moved, plain = in_enu(initial_state(), []), in_enu(None, [])
+    assert not moved.diagnostics
+    ours, theirs = trajectory_of(moved), trajectory_of(plain)
+    np.testing.assert_allclose(ours.t, theirs.t)
+    expected = initial_state().T_world_cam @ theirs.T_world_cam
+    assert np.linalg.norm((ours.T_world_cam - expected)[:, :3, 3], axis=1).max() < 5e-3
+
+
+def test_gps_at_its_own_times_in_its_own_world() -> None:
+    """Times between the key states; nothing is left out, and the start is found again."""
+    times = np.linspace(START + 0.013, 9 * PERIOD - 0.0171, 17).tolist()
+    smoother = in_enu(initial_state(off=1.0), times)
+    assert not smoother.diagnostics
+    t = np.linspace(times[0], times[-1], 50)
+    found = trajectory_of(smoother).pose(t)[:, :3, 3]
+    truth = (ENU @ constant_velocity(t))[:, :3, 3]
+    assert np.linalg.norm(found - truth, axis=1).max() < 0.02
+    alone = trajectory_of(in_enu(initial_state(off=1.0), [])).pose(t)[:, :3, 3]
+    assert np.linalg.norm(alone - truth, axis=1).max() > 0.3
+
+
+def test_a_factor_at_a_time_before_the_window_is_named() -> None:
+    smoother = in_enu(initial_state(), [])
+    smoother.add(gps_at(0.01), gps_at(9 * PERIOD - 0.01), t=0.01)
+    smoother.add(gps_at(9 * PERIOD - 0.01), t=9 * PERIOD - 0.01)
+    smoother.add(gtsam.GPSFactor(0, np.zeros(3), gtsam.noiseModel.Unit.Create(3)), t=1e3)
+    smoother.update(10 * PERIOD, Measurements.concatenate([]))
+    assert [found.key for found in smoother.diagnostics] == ["t = 0.010000 s"] * 2
+    assert all("before the window" in found.reason for found in smoother.diagnostics)
+    smoother.add(custom(raising)(0), t=10 * PERIOD - 0.01)
+    smoother.update(11 * PERIOD, Measurements.concatenate([]))
+    assert "ErrorFunction" in smoother.diagnostics[-1].reason
+
+
+def test_the_smoother_tells_what_it_knows() -> None:
+    smoother = in_enu(initial_state(), [0.2, 0.4])
+    values, newest = smoother.calculateEstimate(), smoother.window[-1]
+    states, covariance = smoother.states, trajectory_of(smoother).covariance(9 * PERIOD)
+    np.testing.assert_allclose(values.atPose3(X(newest)).matrix(), states.T_world_cam[-1])
+    np.testing.assert_allclose(values.atVector(V(newest)), states.twist[-1])
+    for key, part in ((X(newest), slice(0, 6)), (V(newest), slice(6, 12))):
+        expected = covariance[part, part]
+        np.testing.assert_allclose(smoother.marginalCovariance(key), expected, rtol=1e-6, atol=1e-9)
+    with pytest.raises(ValueError, match="x999 is not in the window"):
+        smoother.marginalCovariance(X(999))
+    number, points = smoother.landmarks
+    assert len(number) == len(points) > 10
+    T_cam_world = np.linalg.inv(states.T_world_cam[-1])
+    assert (points @ T_cam_world[2, :3] + T_cam_world[2, 3] > 0.5).all()
+    graph = smoother.graph
+    keys = {key for i in range(graph.size()) for key in tuple(graph.at(i).keys())}
+    assert keys <= set(values.keys())
+    assert np.isfinite(graph.error(values))
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("T_world_cam", {"T_world_cam": 2 * np.eye(4)}),
+        ("twist", {"twist": np.zeros(3)}),
+        ("covariance", {"covariance": np.eye(6)}),
+        ("covariance", {"covariance": -np.eye(12)}),
+    ],
+)
+def test_a_bad_initial_state_is_refused(name: str, change: dict[str, np.ndarray]) -> None:
+    good = {"T_world_cam": np.eye(4), "twist": np.zeros(6), "covariance": np.eye(12)}
+    with pytest.raises(ValueError, match=name):
+        InitialState(**{**good, **change})
+
+
+def test_only_the_factor_that_makes_the_window_indeterminate_is_left_out() -> None:
+    """It is finite by itself, and its information is more than the others' can hold."""
+    number, _, _ = newest()
+    gps, t, aside = position_factor()
+    huge = 1e200 * np.eye(6)
+
+    def error(
+        _this: object, _values: gtsam.Values, jacobians: list[np.ndarray] | None
+    ) -> np.ndarray:
+        if jacobians is not None:
+            jacobians[0] = huge
+        return np.zeros(6)
+
+    wrecking = gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(6), [V(number)], error)
+    smoother = smoother_with(gps, wrecking)
+    own = [found for found in smoother.diagnostics if "of your own" in found.reason]
+    assert [found.key for found in own] == [f"v{number}"]
+    assert np.abs(trajectory_of(smoother).pose(t)[:3, 3] - aside).max() < 2e-3

@@ -208,6 +208,8 @@ def test_a_refused_update_leaves_the_smoother_as_it_was() -> None:
                 with pytest.raises(ValueError, match=fault):
                     smoother.update(*arguments)
         smoother.update(graph, new, stamps)
+    for _ in range(5):
+        smoother.update()
     estimate = smoother.calculateEstimate()
     graph, _ = gtsam.NonlinearFactorGraph(), None
     for k in range(3):
