@@ -10,6 +10,18 @@ from factors.interpolated import InterpolatedFactor
 from factors.interpolated_stereo import InterpolatedStereoFactor
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.linear_states import LinearStatesFactor
+from factors.motion_priors import (
+    WnoaPriorFactor,
+    WnoaPriorFactorPose2,
+    WnoaPriorFactorRot3,
+    WnoaPriorFactorVector,
+    WnojPriorFactor,
+    WnojPriorFactorPose2,
+    WnojPriorFactorRot3,
+    WnojPriorFactorVector,
+    prior_covariance,
+    prior_square_root_information,
+)
 from factors.points import PointToPlaneFactor, PointToPointFactor
 from factors.saving import from_dict, to_dict
 from factors.solver import Iteration, gauss_newton_parameters, optimize
@@ -22,7 +34,6 @@ from factors.structureless import (
     marginalize,
 )
 from factors.wnoa import (
-    WnoaPriorFactor,
     wnoa_covariance,
     wnoa_information,
     wnoa_square_root_covariance,
@@ -51,6 +62,13 @@ __all__ = [
     "StereoReprojectionFactor",
     "StructurelessStereoFactor",
     "WnoaPriorFactor",
+    "WnoaPriorFactorPose2",
+    "WnoaPriorFactorRot3",
+    "WnoaPriorFactorVector",
+    "WnojPriorFactor",
+    "WnojPriorFactorPose2",
+    "WnojPriorFactorRot3",
+    "WnojPriorFactorVector",
     "check_values",
     "extrapolate",
     "fixed_lag_smoother",
@@ -63,6 +81,8 @@ __all__ = [
     "marginalize",
     "optimize",
     "original",
+    "prior_covariance",
+    "prior_square_root_information",
     "to_dict",
     "wnoa_covariance",
     "wnoa_information",

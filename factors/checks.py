@@ -86,8 +86,8 @@ def checked_duration(dt: float) -> float:
     return float(dt)
 
 
-def power_spectral_density(qc: ArrayLike) -> Array:
-    """Return the matrix (6, 6) of a power spectral density given as its diagonal (6,) or whole.
+def power_spectral_density(qc: ArrayLike, n: int = 6) -> Array:
+    """Return the matrix (n, n) of a power spectral density given as its diagonal (n,) or whole.
 
     Raises
     ------
@@ -96,8 +96,8 @@ def power_spectral_density(qc: ArrayLike) -> Array:
         positive definite.
     """
     array = np.asarray(qc, np.float64)
-    if array.shape not in ((6,), (6, 6)) or not np.isfinite(array).all():
-        raise ValueError(f"qc must be 6 or 6 x 6 finite numbers, not {array}")
+    if array.shape not in ((n,), (n, n)) or not np.isfinite(array).all():
+        raise ValueError(f"qc must be {n} or {n} x {n} finite numbers, not {array}")
     matrix = np.diag(array) if array.ndim == 1 else array
     if not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
         raise ValueError("qc must be symmetric")

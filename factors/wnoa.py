@@ -172,7 +172,7 @@ def _whiten_kernel(W: Array, diagonal: bool, block: Array) -> None:
                     block[i, j] += W[i, k] * block[k, j]
 
 
-class WnoaPriorFactor(Factor):
+class WnoaFactor(Factor):
     """Motion prior between the states (pose, velocity) at two times that are dt seconds apart.
 
     It takes either the keys, `WnoaPriorFactor(pose_i, velocity_i, pose_j, velocity_j, dt, qc)`, or

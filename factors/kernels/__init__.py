@@ -1,5 +1,11 @@
 """Compiled kernels that all factors share: SE(3), and the local variables of a state pair."""
 
+from factors.kernels.jerk import (
+    local_motion_kernel,
+    quintic_weights,
+    retract_motion_kernel,
+    wnoj_kernel,
+)
 from factors.kernels.local_variables import (
     EXACT,
     FIRST_ORDER,
@@ -50,12 +56,16 @@ __all__ = [
     "kernel",
     "local_blocks_kernel",
     "local_jacobian_kernel",
+    "local_motion_kernel",
     "local_state_kernel",
     "log_kernel",
+    "quintic_weights",
     "relative_kernel",
     "retract_kernel",
+    "retract_motion_kernel",
     "row_major_kernel",
     "rows_by_states_kernel",
     "se3_polynomial_kernel",
     "state_between_kernel",
+    "wnoj_kernel",
 ]

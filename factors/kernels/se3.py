@@ -45,8 +45,8 @@ def stumpff_kernel(s: float) -> Array:
     c_n(s) = sum_m (-s)^m / (2m + n)!. With s = w^2, c_0..c_3 are cos w, sin(w)/w, (1 - cos w)/w^2
     and (w - sin w)/w^3 of the angle w. The derivatives of the last columns stay zero.
     """
-    c = np.zeros((3, 9))
-    if s < _SERIES_LIMIT:
+    c = np.full((3, 9), 0 * s)  # of the type of s, complex for complex steps
+    if s.real < _SERIES_LIMIT:
         c[0, 7], c[0, 8] = _series_kernel(s)
         for n in range(6, -1, -1):
             c[0, n] = _INVERSE_FACTORIAL[n] - s * c[0, n + 2]
@@ -64,8 +64,8 @@ def stumpff_kernel(s: float) -> Array:
 @inner_kernel
 def _series_kernel(s: float) -> tuple[float, float]:
     """Compute c_7 and c_8 of the Stumpff functions."""
-    odd, even = 0.0, 0.0
-    for m in range((_SMALL_TERMS if s < _SMALL_LIMIT else _SERIES_TERMS) - 1, -1, -1):
+    odd, even = 0 * s, 0 * s
+    for m in range((_SMALL_TERMS if s.real < _SMALL_LIMIT else _SERIES_TERMS) - 1, -1, -1):
         odd = _INVERSE_FACTORIAL[2 * m + 7] - s * odd
         even = _INVERSE_FACTORIAL[2 * m + 8] - s * even
     return odd, even
@@ -91,7 +91,7 @@ def jacobian_coefficients_kernel(xi: Array, side: float) -> Array:
     `side` is LEFT or RIGHT.
     """
     c = stumpff_kernel(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
-    k = np.empty((3, 2))
+    k = np.empty((3, 2), xi.dtype)
     for n in range(3):
         k[n, 0], k[n, 1] = side * c[n, 2], c[n, 3]
     return k
@@ -101,7 +101,7 @@ def jacobian_coefficients_kernel(xi: Array, side: float) -> Array:
 def inverse_coefficients_kernel(xi: Array, side: float) -> Array:
     """Compute p and q of the inverse Jacobian and two derivatives with respect to s, (3, 2)."""
     c = stumpff_kernel(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
-    k = np.zeros((3, 2))
+    k = np.zeros((3, 2), xi.dtype)
     k[0, 0] = -0.5 * side
     half = 2 * c[0, 2]
     q = (c[0, 3] - 2 * c[0, 4]) / half
@@ -131,7 +131,7 @@ def se3_polynomial_kernel(xi: Array, k: Array) -> Array:
     s = xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
     ds = 2 * (xi[0] * xi[3] + xi[1] * xi[4] + xi[2] * xi[5])
     dp, dq = ds * k[1, 0], ds * k[1, 1]
-    M = np.zeros((6, 6))
+    M = np.zeros((6, 6), xi.dtype)
     for i in range(3):
         for j in range(3):
             M[i, j] = q * xi[i] * xi[j]
@@ -154,7 +154,7 @@ def polynomial_derivative_kernel(xi: Array, k: Array, w: Array) -> Array:
     dot = xi[0] * w[0] + xi[1] * w[1] + xi[2] * w[2]
     ddot = xi[0] * w[3] + xi[1] * w[4] + xi[2] * w[5] + xi[3] * w[0] + xi[4] * w[1] + xi[5] * w[2]
     p, q, dp, dq = k[0, 0], k[0, 1], ds * k[1, 0], ds * k[1, 1]
-    D = np.zeros((6, 6))
+    D = np.zeros((6, 6), xi.dtype)
     for i in range(3):
         a, b = (i + 1) % 3, (i + 2) % 3
         cross = xi[a] * w[b] - xi[b] * w[a]
