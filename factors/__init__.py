@@ -5,6 +5,7 @@ from factors.constant_velocity import EuclideanVelocityFactor, ReprojectionVeloc
 from factors.factor import Factor, check_values, original
 from factors.gaussian_process import Derivatives, GaussianProcess
 from factors.incremental import Incremental, fixed_lag_smoother, isam2, isam2_parameters
+from factors.inertial import GyroFactor, ImuFactor
 from factors.inner_factor import ErrorFunction
 from factors.interpolated import InterpolatedFactor
 from factors.interpolated_stereo import InterpolatedStereoFactor
@@ -46,6 +47,8 @@ __all__ = [
     "EuclideanVelocityFactor",
     "Factor",
     "GaussianProcess",
+    "GyroFactor",
+    "ImuFactor",
     "Incremental",
     "InterpolatedFactor",
     "InterpolatedState",

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
 from functools import partial
+from traceback import clear_frames
 from typing import Any, SupportsFloat, SupportsIndex, SupportsInt
 
 import gtsam
@@ -125,6 +126,9 @@ class Factor(Described, gtsam.CustomFactor):
                 if isinstance(values, _Question):
                     values.answer = make
                 fault = fault_of(variables, values)
+                # By the time that a debugger shows these frames, what GTSAM passed is gone.
+                clear_frames(failure.__traceback__)
+                del _this, values, jacobians
                 if fault is None:
                     raise
                 raise ValueError(f"{name}: {fault}") from failure

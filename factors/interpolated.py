@@ -43,7 +43,8 @@ class InterpolatedFactor(Factor):
         Seconds, t_i <= t <= t_j and t_i < t_j.
     pose, velocity
         The keys of the inner factor that stand for the pose and for the body twist at t. Its first
-        key is the pose by default, and none the twist. Its other keys stay what they are.
+        key is the pose by default, unless it is the twist; none is the twist by default. Its other
+        keys stay what they are.
     qc
         Power spectral density of the motion prior, (6,) or (6, 6). If it is given, the noise also
         has the covariance of the state at t, given both states. Without, the state at t is their
@@ -76,7 +77,8 @@ class InterpolatedFactor(Factor):
         states = as_state("state_i", state_i), as_state("state_j", state_j)
         t = checked_time_between(t, *states)
         model, inner_keys, evaluate = parts_of(inner)
-        pose = inner_keys[0] if pose is None else int(pose)
+        if pose is None and inner_keys[0] != velocity:
+            pose = inner_keys[0]
         for role, key in (("pose", pose), ("velocity", velocity)):
             if key is not None and key not in inner_keys:
                 raise ValueError(f"{role} must be a key of the inner factor, not {key}")
@@ -129,7 +131,7 @@ class _Interpolation:
         self,
         evaluate: Evaluate,
         inner_keys: list[int],
-        at_t: tuple[int, int | None],
+        at_t: tuple[int | None, int | None],
         states: tuple[tuple[int, int, float], ...],
         t: float,
         noise: _NoiseBetween | None,
@@ -156,7 +158,8 @@ class _Interpolation:
         error = self._evaluate(inner, blocks)
         by_key = dict(zip(self._keys, blocks, strict=True))
         by_state = np.zeros((len(error), 12))
-        by_state[:, :6] = by_key.pop(self._pose)
+        if self._pose is not None:
+            by_state[:, :6] = by_key.pop(self._pose)
         if self._velocity is not None:
             by_state[:, 6:] = by_key.pop(self._velocity)
         if self._noise is not None:
@@ -175,7 +178,8 @@ class _Interpolation:
     def _values_at(self, values: gtsam.Values, T: Array, v: Array) -> gtsam.Values:
         """Return the values of the inner factor, the state at t among them."""
         found = gtsam.Values()
-        found.insert(self._pose, gtsam.Pose3(T))
+        if self._pose is not None:
+            found.insert(self._pose, gtsam.Pose3(T))
         if self._velocity is not None:
             found.insert(self._velocity, v)
         for key, copied in self._others.items():

@@ -8,9 +8,9 @@ from typing import Any
 import gtsam
 import numpy as np
 import pytest
-from graphs import CAMERA, NOISE, QC, random_states
+from graphs import CAMERA, NOISE, QC
 from gtsam.symbol_shorthand import L, V, X
-from test_manners import DT, FACTORS, MEASURED, STATES
+from test_manners import FACTORS, MEASURED, STATES, good_values
 
 from factors import (
     InterpolatedStereoFactor,
@@ -48,7 +48,7 @@ def graph() -> gtsam.NonlinearFactorGraph:
 
 
 def test_a_graph_saved_as_json_is_the_same_graph() -> None:
-    before, values = graph(), random_states(0, DT)
+    before, values = graph(), good_values()
     after = from_dict(json.loads(json.dumps(to_dict(before))))
     assert after.size() == before.size()
     for i in range(before.size()):

@@ -1,0 +1,178 @@
+"""Inertial factors of body twists, against gtsam.ImuFactor on the same data."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import gtsam
+import numpy as np
+import pytest
+from graphs import assert_derivatives_match, random_states, seeds
+from gtsam.symbol_shorthand import B, U, V, X
+from hypothesis import given, settings
+from numpy.typing import NDArray
+
+from factors import (
+    GyroFactor,
+    ImuFactor,
+    InterpolatedFactor,
+    WnoaPriorFactor,
+    extrapolate,
+    optimize,
+)
+from factors.lie import se3_adjoint, se3_exp, se3_inverse, se3_log
+
+Array = NDArray[np.float64]
+
+DT, RATE = 0.1, 500
+STATES = [gtsam.StateData(X(k), V(k), DT * k) for k in range(2)]
+MOUNTED = se3_exp([0.3, -0.2, 0.5, 0.05, -0.1, 0.02])
+NOISE = gtsam.noiseModel.Isotropic.Sigma(3, 2e-3)
+TWIST = np.array([0.2, 0.5, -0.1, 0.3, 0.1, 0.6])
+BIAS = gtsam.imuBias.ConstantBias(np.array([0.02, -0.01, 0.03]), np.array([0.01, 0.02, -0.01]))
+
+
+def parameters(mounted: bool) -> gtsam.PreintegrationParams:
+    found = gtsam.PreintegrationParams.MakeSharedU(9.81)
+    found.setAccelerometerCovariance(1e-4 * np.eye(3))
+    found.setGyroscopeCovariance(1e-6 * np.eye(3))
+    found.setIntegrationCovariance(1e-8 * np.eye(3))
+    if mounted:
+        found.setBodyPSensor(gtsam.Pose3(MOUNTED))
+    return found
+
+
+def measured(t: float, mounted: bool = False) -> tuple[Array, Array]:
+    """Specific force and rate of an IMU on a body of constant twist: T(t) = T_0 Exp(t v).
+
+    The sensor's own twist is constant, too; its acceleration in its own frame is omega x v.
+    """
+    twist = se3_adjoint(se3_inverse(MOUNTED)) @ TWIST if mounted else TWIST
+    T = extrapolate(np.eye(4), TWIST, t).pose @ (MOUNTED if mounted else np.eye(4))
+    force = np.cross(twist[:3], twist[3:]) + T[:3, :3].T @ [0, 0, 9.81]
+    return force + BIAS.accelerometer(), twist[:3] + BIAS.gyroscope()
+
+
+def preintegrated(
+    t_i: float, t_j: float, mounted: bool = False
+) -> gtsam.PreintegratedImuMeasurements:
+    """All measurements from t_i to t_j, each in the middle of its interval."""
+    found = gtsam.PreintegratedImuMeasurements(parameters(mounted), BIAS)
+    edges = np.linspace(t_i, t_j, round((t_j - t_i) * RATE) + 1)
+    for start, end in pairwise(edges):
+        found.integrateMeasurement(*measured((start + end) / 2, mounted), end - start)
+    return found
+
+
+def values_of(seed: int) -> gtsam.Values:
+    values = random_states(seed, DT)
+    values.insert(B(0), BIAS + gtsam.imuBias.ConstantBias(np.full(3, 0.01), np.full(3, -0.02)))
+    return values
+
+
+@pytest.mark.parametrize("mounted", [False, True])
+@given(seed=seeds)
+@settings(deadline=None, max_examples=8)
+def test_it_is_gtsams_factor_of_the_velocities_in_the_world(mounted: bool, seed: int) -> None:
+    values, data = values_of(seed), preintegrated(0.0, DT, mounted)
+    factor = ImuFactor(data, *STATES, B(0))
+    theirs = gtsam.Values(values)
+    for k in range(2):
+        R = values.atPose3(X(k)).rotation().matrix()
+        theirs.insert(U(k), R @ values.atVector(V(k))[3:])
+    native = gtsam.ImuFactor(X(0), U(0), X(1), U(1), B(0), data)
+    np.testing.assert_allclose(factor.error(values), native.error(theirs), rtol=1e-12)
+    np.testing.assert_array_equal(factor.unwhitenedError(values), native.unwhitenedError(theirs))
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=8)
+def test_its_jacobian_is_gtsams_by_the_chain_rule(seed: int) -> None:
+    """Numerically: the error of GTSAM's factor moves by it to the second order of the step."""
+    values, rng = values_of(seed), np.random.default_rng(seed)
+    factor = ImuFactor(preintegrated(0.0, DT), *STATES, B(0))
+    A, b = factor.linearize(values).jacobian()
+    direction, moved = gtsam.VectorValues(), []
+    steps = {key: rng.normal(size=6) for key in tuple(factor.keys())}
+    for h in (1e-4, -1e-4):
+        direction = gtsam.VectorValues()
+        for key, step in steps.items():
+            direction.insert(key, h * step)
+        moved.append(factor.whitenedError(values.retract(direction)))
+    found = (moved[0] - moved[1]) / 2e-4
+    expected = A @ np.concatenate(list(steps.values()))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(A).max())
+    np.testing.assert_allclose(b, -factor.whitenedError(values), rtol=1e-9)
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=8)
+def test_gyroscope_at_a_state_and_at_its_own_time(seed: int) -> None:
+    values = values_of(seed)
+    at_state = GyroFactor([0.1, 0.2, 0.3], NOISE, V(0), B(0), MOUNTED)
+    expected = (
+        MOUNTED[:3, :3].T @ values.atVector(V(0))[:3] + values.atConstantBias(B(0)).gyroscope()
+    )
+    np.testing.assert_allclose(at_state.unwhitenedError(values), expected - [0.1, 0.2, 0.3])
+    assert_derivatives_match(at_state, values, tolerance=1e-9)
+    inner = GyroFactor([0.1, 0.2, 0.3], NOISE, 0, B(0), MOUNTED)
+    between = InterpolatedFactor(inner, *STATES, 0.037, velocity=0)
+    assert_derivatives_match(between, values, tolerance=1e-9)
+    assert set(between.keys()) == {X(0), V(0), X(1), V(1), B(0)}
+
+
+@pytest.mark.parametrize("mounted", [False, True])
+def test_a_graph_of_it_finds_motion_and_bias_as_a_graph_of_gtsams_does(mounted: bool) -> None:
+    """States every 0.1 s, positions at some, an IMU of 500 Hz whose bias is not known."""
+    count, rng = 11, np.random.default_rng(0)
+    ours, theirs = gtsam.NonlinearFactorGraph(), gtsam.NonlinearFactorGraph()
+    start, their_start = gtsam.Values(), gtsam.Values()
+    truth = extrapolate(np.eye(4), TWIST, np.arange(count) * DT).pose
+    qc = np.array([1e-3] * 3 + [1e-2] * 3)
+    noise = gtsam.noiseModel.Isotropic.Sigma(6, 1e-3)
+    for k in range(count):
+        for graph in (ours, theirs):
+            pose = gtsam.Pose3(truth[k] @ se3_exp(1e-3 * rng.normal(size=6)))
+            graph.add(gtsam.PriorFactorPose3(X(k), pose, noise))
+        for values in (start, their_start):
+            values.insert(X(k), gtsam.Pose3(truth[k]))
+        start.insert(V(k), np.zeros(6))
+        their_start.insert(U(k), np.zeros(3))
+    states = [gtsam.StateData(X(k), V(k), DT * k) for k in range(count)]
+    for i, j in pairwise(range(count)):
+        data = preintegrated(i * DT, j * DT, mounted)
+        ours.add(ImuFactor(data, states[i], states[j], B(0)))
+        ours.add(WnoaPriorFactor(states[i], states[j], qc))
+        theirs.add(gtsam.ImuFactor(X(i), U(i), X(j), U(j), B(0), data))
+        for t in np.linspace(i * DT, j * DT, 10, endpoint=False) + 0.003:
+            rate = measured(t, mounted)[1]
+            T_body_imu = MOUNTED if mounted else None
+            gyro = GyroFactor(rate, NOISE, 0, B(0), T_body_imu)
+            ours.add(InterpolatedFactor(gyro, states[i], states[j], t, velocity=0))
+    for values in (start, their_start):
+        values.insert(B(0), gtsam.imuBias.ConstantBias())
+    solved, reference = optimize(ours, start), optimize(theirs, their_start)
+    for values, tolerance in ((solved, 0.01), (reference, 0.02)):
+        bias = values.atConstantBias(B(0))
+        np.testing.assert_allclose(bias.gyroscope(), BIAS.gyroscope(), atol=tolerance / 3)
+        np.testing.assert_allclose(bias.accelerometer(), BIAS.accelerometer(), atol=tolerance)
+    for k in range(count):
+        off = se3_log(se3_inverse(truth[k]) @ solved.atPose3(X(k)).matrix())
+        assert np.abs(off).max() < 3e-3
+        np.testing.assert_allclose(solved.atVector(V(k)), TWIST, atol=0.01)
+        world = solved.atPose3(X(k)).rotation().matrix() @ solved.atVector(V(k))[3:]
+        np.testing.assert_allclose(world, reference.atVector(U(k)), atol=0.01)
+
+
+def test_bad_input_is_refused_by_name() -> None:
+    data = preintegrated(0.0, DT)
+    for name, make in (
+        ("measured", lambda: GyroFactor([1, 2], NOISE, V(0), B(0))),
+        ("model", lambda: GyroFactor([1, 2, 3], gtsam.noiseModel.Unit.Create(2), V(0), B(0))),
+        ("T_body_imu", lambda: GyroFactor([1, 2, 3], NOISE, V(0), B(0), 2 * np.eye(4))),
+        ("must last", lambda: ImuFactor(data, STATES[0], (X(1), V(1), 2 * DT), B(0))),
+        ("must last", lambda: ImuFactor(data, STATES[1], STATES[0], B(0))),
+        ("must not be the key of", lambda: ImuFactor(data, *STATES, X(0))),
+    ):
+        with pytest.raises(ValueError, match=name):
+            make()
