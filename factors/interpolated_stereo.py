@@ -14,6 +14,7 @@ from factors.jacobian_blocks import JacobianBlocks
 from factors.kernels import (
     EXACT,
     Array,
+    chain_rule_kernel,
     copy_columns_kernel,
     hermite_weights,
     interpolated_local_kernel,
@@ -22,7 +23,6 @@ from factors.kernels import (
     local_state_kernel,
     retract_kernel,
     row_major_kernel,
-    rows_by_states_kernel,
 )
 from factors.lie import se3_adjoint, se3_inverse
 from factors.stereo import (
@@ -90,7 +90,8 @@ def _linearized_kernel(
                 for j in range(6):
                     rows[i, j] += stereo[i, k] * by_body[k, j]
         by_states_j = local_jacobian_kernel(local_j, v_j, EXACT)
-        by_states = rows_by_states_kernel(rows, 0, local, by_states_j, weights)
+        by_states = np.empty((3, 30))
+        chain_rule_kernel(rows, local, by_states_j, weights, by_states)
         copy_columns_kernel(by_states, 0.0, by_T_i)
         copy_columns_kernel(by_states, 6.0, by_v_i)
         copy_columns_kernel(by_states, 12.0, by_T_j)

@@ -9,6 +9,7 @@ from factors.kernels.jerk import (
 from factors.kernels.local_variables import (
     EXACT,
     FIRST_ORDER,
+    chain_rule_kernel,
     extrapolated_jacobian_kernel,
     hermite_weights,
     interpolated_local_kernel,
@@ -16,7 +17,6 @@ from factors.kernels.local_variables import (
     local_jacobian_kernel,
     local_state_kernel,
     retract_kernel,
-    rows_by_states_kernel,
     state_between_kernel,
 )
 from factors.kernels.se3 import (
@@ -43,6 +43,7 @@ __all__ = [
     "LEFT",
     "RIGHT",
     "Array",
+    "chain_rule_kernel",
     "compose_exp_kernel",
     "copy_columns_kernel",
     "copy_kernel",
@@ -64,7 +65,6 @@ __all__ = [
     "retract_kernel",
     "retract_motion_kernel",
     "row_major_kernel",
-    "rows_by_states_kernel",
     "se3_polynomial_kernel",
     "state_between_kernel",
     "wnoj_kernel",

@@ -25,6 +25,7 @@ from factors.kernels.se3 import (
     relative_kernel,
     row_major_kernel,
     se3_polynomial_kernel,
+    stumpff_kernel,
 )
 
 EXACT, FIRST_ORDER = 1.0, 0.0
@@ -135,29 +136,72 @@ def backward_adjoint_kernel(local: Array) -> Array:
 
 
 @inner_kernel
-def rows_by_states_kernel(
-    rows: Array, first: int, local: Array, by_states_j: Array, weights: Array
-) -> Array:
-    """Compute the Jacobian of three errors with respect to both states, (3, 24).
+def chain_rule_kernel(
+    rows: Array, local: Array, by_states_j: Array, share: Array, result: Array
+) -> None:
+    """Write the Jacobians (3, 30) of errors with respect to both states (24) and to xi (6).
 
-    It is rows[first : first + 3, :6], the Jacobian with respect to the pose in between, times the
-    Jacobian of that pose T_i Exp(xi) with respect to both states.
+    The first 6 columns of rows are those with respect to the pose T_i Exp(xi). These are
+    multiplied by Jr(xi) and by the adjoint of Exp(-xi), 1 + p W + q W^2, without making these
+    matrices: p and q are numbers, and their dual parts times what the angle changes by.
     """
-    jacobian = se3_polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
-    by_pose_i = backward_adjoint_kernel(local)
-    result, by_xi = np.zeros((3, 24)), np.zeros((3, 6))
+    c = stumpff_kernel(local[0] * local[0] + local[1] * local[1] + local[2] * local[2])
+    ds = 2 * (local[0] * local[3] + local[1] * local[4] + local[2] * local[5])
+    velocity, pose_j, rate_j = share[0, 0, 1], share[1, 0, 0], share[1, 0, 1]
+    adjoint = -c[0, 1], c[0, 2], -ds * c[1, 1], ds * c[1, 2]
+    jacobian = -c[0, 2], c[0, 3], -ds * c[1, 2], ds * c[1, 3]
+    B = by_states_j
+    for r in range(3):
+        _polynomial_row_kernel(rows, r, local, *adjoint, result, 0)
+        _polynomial_row_kernel(rows, r, local, *jacobian, result, 24)
+        x, y, z = result[r, 24], result[r, 25], result[r, 26]
+        u, v, w = result[r, 27], result[r, 28], result[r, 29]
+        result[r, 6], result[r, 7], result[r, 8] = velocity * x, velocity * y, velocity * z
+        result[r, 9], result[r, 10], result[r, 11] = velocity * u, velocity * v, velocity * w
+        for j in range(12, 24):
+            result[r, j] = 0.0
+        for j in range(24):
+            by_pose = x * B[0, j] + y * B[1, j] + z * B[2, j]
+            by_pose += u * B[3, j] + v * B[4, j] + w * B[5, j]
+            by_rate = x * B[6, j] + y * B[7, j] + z * B[8, j]
+            by_rate += u * B[9, j] + v * B[10, j] + w * B[11, j]
+            result[r, j] += pose_j * by_pose + rate_j * by_rate
+
+
+@inner_kernel
+def _polynomial_row_kernel(
+    rows: Array,
+    r: int,
+    xi: Array,
+    p: float,
+    q: float,
+    dp: float,
+    dq: float,
+    result: Array,
+    first: int,
+) -> None:
+    """Write row r times the matrix 1 + p W + q W^2 of a twist to that of result, from `first` on.
+
+    W is [[phi]x 0; [rho]x [phi]x], so that (a, b) W = (a x phi + b x rho, b x phi). dp and dq are
+    the dual parts of p and q: the matrix has dp [phi]x + dq [phi]x^2 below the diagonal, too.
+    """
+    a, b = (rows[r, 0], rows[r, 1], rows[r, 2]), (rows[r, 3], rows[r, 4], rows[r, 5])
+    phi, rho = (xi[0], xi[1], xi[2]), (xi[3], xi[4], xi[5])
+    a_phi, b_phi, b_rho = _cross(a, phi), _cross(b, phi), _cross(b, rho)
+    once = a_phi[0] + b_rho[0], a_phi[1] + b_rho[1], a_phi[2] + b_rho[2]
+    b_phi_phi, once_phi, b_phi_rho = _cross(b_phi, phi), _cross(once, phi), _cross(b_phi, rho)
     for i in range(3):
-        for k in range(6):
-            for j in range(6):
-                by_xi[i, j] += rows[first + i, k] * jacobian[k, j]
-                result[i, j] += rows[first + i, k] * by_pose_i[k, j]
-        for k in range(6):
-            result[i, 6 + k] += weights[0, 0, 1] * by_xi[i, k]
-            for j in range(24):
-                result[i, j] += by_xi[i, k] * (
-                    weights[1, 0, 0] * by_states_j[k, j] + weights[1, 0, 1] * by_states_j[6 + k, j]
-                )
-    return result
+        twice = once_phi[i] + b_phi_rho[i]
+        result[r, first + i] = a[i] + p * once[i] + q * twice + dp * b_phi[i] + dq * b_phi_phi[i]
+        result[r, first + 3 + i] = b[i] + p * b_phi[i] + q * b_phi_phi[i]
+
+
+@inner_kernel
+def _cross(
+    x: tuple[float, float, float], y: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Cross product."""
+    return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
 @inner_kernel

@@ -72,14 +72,35 @@ def landmarks_kernel(
     step is halved until the cost falls; it is one of iteratively reweighted least squares where
     the cost is not convex.
     """
-    found, distances = coordinates.copy(), np.empty(len(T))
-    system, trial, step = np.empty((7, 4)), np.empty(3), np.empty(3)
-    factors, work = np.empty((2, 3, 3)), (np.empty(3), np.empty((3, 3)), np.empty((3, 10)))
-    data = (measured, camera, whitening, weights, loss)
-    before_all = (T_first, seen, root, offset, np.array([1.0, 1.0, 0.0, 0.0, 1.0]))
+    found, trial, distances = coordinates.copy(), coordinates.copy(), np.empty(len(T))
+    system, step, factors = np.empty((7, 4)), np.empty(3), np.empty((2, 3, 3))
+    h, by_h, rows = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
+    T_prior, unit = T_first.reshape(1, 4, 4), np.array([1.0, 1.0, 0.0, 0.0, 1.0])
     for k in range(len(found)):
-        q, chart, span = found[k], charts[k], (start[k], start[k + 1], prior[k])
-        _system_kernel(T, chart, q, *span, *data, *before_all, *work, system, distances)
+        _system_kernel(
+            T,
+            charts,
+            found,
+            k,
+            start[k],
+            start[k + 1],
+            prior[k],
+            measured,
+            camera,
+            whitening,
+            weights,
+            loss,
+            T_prior,
+            seen,
+            root,
+            offset,
+            unit,
+            h,
+            by_h,
+            rows,
+            system,
+            distances,
+        )
         for _ in range(steps):
             length = _step_kernel(system, factors[0], factors[1], step)
             before, scale = system[6, 0], 1.0
@@ -87,13 +108,36 @@ def landmarks_kernel(
                 break
             while True:
                 for i in range(3):
-                    trial[i] = q[i] + scale * step[i]
-                _system_kernel(T, chart, trial, *span, *data, *before_all, *work, system, distances)
+                    trial[k, i] = found[k, i] + scale * step[i]
+                _system_kernel(
+                    T,
+                    charts,
+                    trial,
+                    k,
+                    start[k],
+                    start[k + 1],
+                    prior[k],
+                    measured,
+                    camera,
+                    whitening,
+                    weights,
+                    loss,
+                    T_prior,
+                    seen,
+                    root,
+                    offset,
+                    unit,
+                    h,
+                    by_h,
+                    rows,
+                    system,
+                    distances,
+                )
                 if system[6, 0] <= before or scale == 0.0:
                     break
                 scale = 0.5 * scale if scale > 1e-3 else 0.0
             for i in range(3):
-                q[i] = trial[i]
+                found[k, i] = trial[k, i]
             if scale == 0.0:
                 break
     return found, distances
@@ -102,9 +146,12 @@ def landmarks_kernel(
 @inner_kernel
 def landmark_rows_kernel(
     T: Array,
-    chart: Array,
-    q: Array,
+    i: int,
+    charts: Array,
+    coordinates: Array,
+    k: int,
     measured: Array,
+    n: int,
     camera: Array,
     whitening: Array,
     h: Array,
@@ -113,57 +160,70 @@ def landmark_rows_kernel(
 ) -> None:
     """Write the whitened error to column 9 of rows (3, 10), its Jacobian of q to columns 6 to 8.
 
-    Also the point h (3,) in the camera's frame, times the inverse depth in the chart, and the
-    Jacobian by_h (3, 3) of the error with respect to h. Behind the camera there is a large constant
-    error without Jacobians, as in GTSAM's own stereo factor.
+    It is the error of measurement n of landmark k, of coordinates q, from the pose i: numbers,
+    because slices of arrays cost more than the arithmetic. Written are also the point h (3,) in the
+    camera's frame, times the inverse depth in the chart, and the Jacobian by_h (3, 3) of the error
+    with respect to h. Behind the camera there is a large constant error without Jacobians, as in
+    GTSAM's own stereo factor; a NaN stays one.
     """
     fx, fy, cx, cy, baseline = camera[0], camera[1], camera[2], camera[3], camera[4]
-    dx, dy, dz = chart[0, 3] - T[0, 3], chart[1, 3] - T[1, 3], chart[2, 3] - T[2, 3]
-    q2 = q[2]
+    dx, dy = charts[k, 0, 3] - T[i, 0, 3], charts[k, 1, 3] - T[i, 1, 3]
+    ahead = dx, dy, charts[k, 2, 3] - T[i, 2, 3]
+    q2 = coordinates[k, 2]
     # All that is read before anything is written stays in registers.
-    h0, j00, j01, j02 = _seen_kernel(T[0, 0], T[1, 0], T[2, 0], chart, dx, dy, dz, q)
-    h1, j10, j11, j12 = _seen_kernel(T[0, 1], T[1, 1], T[2, 1], chart, dx, dy, dz, q)
-    h2, j20, j21, j22 = _seen_kernel(T[0, 2], T[1, 2], T[2, 2], chart, dx, dy, dz, q)
+    h0, j00, j01, j02 = _seen_kernel(T, i, 0, charts, coordinates, k, ahead)
+    h1, j10, j11, j12 = _seen_kernel(T, i, 1, charts, coordinates, k, ahead)
+    h2, j20, j21, j22 = _seen_kernel(T, i, 2, charts, coordinates, k, ahead)
     h[0], h[1], h[2] = h0, h1, h2
     inverse, u, v, disparity = 0.0, 2 * fx, 2 * fx, 2 * fx
     x, y = 0.0, 0.0
-    if not h2 <= 0:  # a NaN stays one
+    if not h2 <= 0:
         inverse = 1 / h2
         x, y = h0 * inverse, h1 * inverse
-        u, v = fx * x + cx - measured[0], fy * y + cy - measured[1]
-        disparity = fx * baseline * q2 * inverse - measured[2]
+        u, v = fx * x + cx - measured[n, 0], fy * y + cy - measured[n, 1]
+        disparity = fx * baseline * q2 * inverse - measured[n, 2]
     by_u, by_v, by_disparity = fx * inverse, fy * inverse, fx * baseline * inverse
-    for i in range(3):
-        w0, w1, w2 = whitening[i, 0], whitening[i, 1], whitening[i, 2]
+    for r in range(3):
+        w0, w1, w2 = whitening[r, 0], whitening[r, 1], whitening[r, 2]
         a, b, c = w0 * by_u, w1 * by_v, w2 * by_disparity
-        ahead = -a * x - b * y - c * q2 * inverse
-        by_h[i, 0], by_h[i, 1], by_h[i, 2] = a, b, ahead
-        rows[i, 9] = w0 * u + w1 * v + w2 * disparity
-        rows[i, 6] = a * j00 + b * j10 + ahead * j20
-        rows[i, 7] = a * j01 + b * j11 + ahead * j21
-        rows[i, 8] = a * j02 + b * j12 + ahead * j22 + c
+        by_ahead = -a * x - b * y - c * q2 * inverse
+        by_h[r, 0], by_h[r, 1], by_h[r, 2] = a, b, by_ahead
+        rows[r, 9] = w0 * u + w1 * v + w2 * disparity
+        rows[r, 6] = a * j00 + b * j10 + by_ahead * j20
+        rows[r, 7] = a * j01 + b * j11 + by_ahead * j21
+        rows[r, 8] = a * j02 + b * j12 + by_ahead * j22 + c
 
 
 @inner_kernel
 def _seen_kernel(
-    a: float, b: float, c: float, chart: Array, dx: float, dy: float, dz: float, q: Array
+    T: Array,
+    i: int,
+    axis: int,
+    charts: Array,
+    coordinates: Array,
+    k: int,
+    d: tuple[float, float, float],
 ) -> tuple[float, float, float, float]:
-    """Compute one entry of h, along the axis (a, b, c), and its derivatives with respect to q."""
-    by_q0 = a * chart[0, 0] + b * chart[1, 0] + c * chart[2, 0]
-    by_q1 = a * chart[0, 1] + b * chart[1, 1] + c * chart[2, 1]
-    by_q2 = a * dx + b * dy + c * dz
-    ahead = a * chart[0, 2] + b * chart[1, 2] + c * chart[2, 2]
-    return ahead + by_q0 * q[0] + by_q1 * q[1] + by_q2 * q[2], by_q0, by_q1, by_q2
+    """Compute one entry of h, and its derivatives with respect to q; d is from camera to chart."""
+    a, b, c = T[i, 0, axis], T[i, 1, axis], T[i, 2, axis]
+    by_q0 = a * charts[k, 0, 0] + b * charts[k, 1, 0] + c * charts[k, 2, 0]
+    by_q1 = a * charts[k, 0, 1] + b * charts[k, 1, 1] + c * charts[k, 2, 1]
+    by_q2 = a * d[0] + b * d[1] + c * d[2]
+    ahead = a * charts[k, 0, 2] + b * charts[k, 1, 2] + c * charts[k, 2, 2]
+    q0, q1, q2 = coordinates[k, 0], coordinates[k, 1], coordinates[k, 2]
+    return ahead + by_q0 * q0 + by_q1 * q1 + by_q2 * q2, by_q0, by_q1, by_q2
 
 
 @inner_kernel
 def prior_rows_kernel(
     T: Array,
-    chart: Array,
-    q: Array,
+    charts: Array,
+    coordinates: Array,
+    k: int,
     seen: Array,
     root: Array,
     offset: Array,
+    n: int,
     unit: Array,
     h: Array,
     by_h: Array,
@@ -171,16 +231,20 @@ def prior_rows_kernel(
 ) -> None:
     """Write the error root ((x / z, y / z, 1 / z)(T) - seen) + offset and its derivatives.
 
-    The unit camera (1, 1, 0, 0, 1), of focal length and baseline one, measures just these
-    coordinates. The other arguments are those of `landmark_rows_kernel`.
+    Of the prior number n, from the only pose T (1, 4, 4). The unit camera (1, 1, 0, 0, 1), of focal
+    length and baseline one, measures just these coordinates. The other arguments are those of
+    `landmark_rows_kernel`.
     """
-    landmark_rows_kernel(T, chart, q, seen, unit, root, h, by_h, rows)
-    for i in range(3):
-        rows[i, 9] += offset[i]
+    i = len(T) - 1
+    landmark_rows_kernel(T, i, charts, coordinates, k, seen, n, unit, root[n], h, by_h, rows)
+    for r in range(3):
+        rows[r, 9] += offset[n, r]
 
 
 @inner_kernel
-def pose_rows_kernel(q: Array, h: Array, by_h: Array, weight: float, rows: Array) -> None:
+def pose_rows_kernel(
+    inverse_depth: float, h: Array, by_h: Array, weight: float, rows: Array
+) -> None:
     """Write the Jacobian of the pose to columns 0 to 5 of rows, and weight the squares of all.
 
     The others are those that `landmark_rows_kernel` wrote.
@@ -190,7 +254,8 @@ def pose_rows_kernel(q: Array, h: Array, by_h: Array, weight: float, rows: Array
         a, b, c = by_h[i, 0], by_h[i, 1], by_h[i, 2]
         rows[i, 0], rows[i, 1] = b * h[2] - c * h[1], c * h[0] - a * h[2]
         rows[i, 2] = a * h[1] - b * h[0]
-        rows[i, 3], rows[i, 4], rows[i, 5] = -q[2] * a, -q[2] * b, -q[2] * c
+        q2 = -inverse_depth
+        rows[i, 3], rows[i, 4], rows[i, 5] = q2 * a, q2 * b, q2 * c
         for j in range(10):
             rows[i, j] *= scale
 
@@ -198,8 +263,9 @@ def pose_rows_kernel(q: Array, h: Array, by_h: Array, weight: float, rows: Array
 @inner_kernel
 def _system_kernel(
     T: Array,
-    chart: Array,
-    q: Array,
+    charts: Array,
+    coordinates: Array,
+    k: int,
     first: int,
     last: int,
     prior: int,
@@ -208,7 +274,7 @@ def _system_kernel(
     whitening: Array,
     weights: Array,
     loss: Array,
-    T_first: Array,
+    T_prior: Array,
     seen: Array,
     root: Array,
     offset: Array,
@@ -226,13 +292,16 @@ def _system_kernel(
     """
     system[:] = 0.0
     if prior >= 0:
-        known = seen[prior], root[prior], offset[prior]
-        prior_rows_kernel(T_first, chart, q, *known, unit, h, by_h, rows)
+        prior_rows_kernel(
+            T_prior, charts, coordinates, k, seen, root, offset, prior, unit, h, by_h, rows
+        )
         square = rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2
         system[6, 0] += 0.5 * square
         _add_square_kernel(rows, 1.0, 0.0, system)
     for n in range(first, last):
-        landmark_rows_kernel(T[n], chart, q, measured[n], camera, whitening, h, by_h, rows)
+        landmark_rows_kernel(
+            T, n, charts, coordinates, k, measured, n, camera, whitening, h, by_h, rows
+        )
         square = rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2
         distances[n] = np.sqrt(square)
         cost, weight, second = loss_kernel(square, loss)

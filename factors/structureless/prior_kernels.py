@@ -58,13 +58,13 @@ def prior_system_kernel(
     """
     state = rows.shape[2] - 13
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
-    unit, zero = np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(3)
+    unit, zero = np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros((len(rows), 3))
+    T = T_first.reshape(1, 4, 4)
     for k in range(len(prior)):
         p = prior[k]
         if p >= 0:
-            known = seen[p], root[p], zero
-            prior_rows_kernel(T_first, charts[k], coordinates[k], *known, unit, h, by_h, found)
-            pose_rows_kernel(coordinates[k], h, by_h, 1.0, found)
+            prior_rows_kernel(T, charts, coordinates, k, seen, root, zero, p, unit, h, by_h, found)
+            pose_rows_kernel(coordinates[k, 2], h, by_h, 1.0, found)
             for r in range(3):
                 rows[p, r, -1] += found[r, 9]
                 for c in range(6):
@@ -96,7 +96,7 @@ def add_prior_products_kernel(
 
 @kernel
 def known_from_kernel(
-    T: Array,
+    T_now: Array,
     charts: Array,
     coordinates: Array,
     own: Array,
@@ -106,21 +106,22 @@ def known_from_kernel(
     root: Array,
     rows: Array,
 ) -> None:
-    """Write what is known of landmarks (P,) as they are seen from the pose T.
+    """Write what is known of landmarks (P,) as they are seen from a pose.
 
     Their own rows (P, 3, 3) are with respect to coordinates in the charts; `turned` holds those of
-    the variables that are kept (d), of the state at T (12), of the error, and of the other
+    the variables that are kept (d), of the state there (12), of the error, and of the other
     variables, which only add noise, as the move of the coordinates by (3,) deviations does. Written
     are the coordinates (P, 3), and the rows of these (P, 3, 3) and of the first d + 12 + 1 columns,
     the noise being one.
     """
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
     noise, inverse = np.empty((3, 3)), np.empty((3, 3))
-    exact = np.zeros(3), np.eye(3), np.zeros(3), np.array([1.0, 1.0, 0.0, 0.0, 1.0])
-    width = rows.shape[2]
+    zero, eye = np.zeros((1, 3)), np.eye(3).reshape(1, 3, 3)
+    unit, width = np.array([1.0, 1.0, 0.0, 0.0, 1.0]), rows.shape[2]
+    T = T_now.reshape(1, 4, 4)
     for k in range(len(seen)):
-        prior_rows_kernel(T, charts[k], coordinates[k], *exact, h, by_h, found)
-        pose_rows_kernel(coordinates[k], h, by_h, 1.0, found)
+        prior_rows_kernel(T, charts, coordinates, k, zero, eye, zero, 0, unit, h, by_h, found)
+        pose_rows_kernel(coordinates[k, 2], h, by_h, 1.0, found)
         _inverse_kernel(found, inverse)
         for i in range(3):
             seen[k, i] = found[i, 9]

@@ -8,6 +8,7 @@ from factors.kernels import (
     EXACT,
     RIGHT,
     Array,
+    chain_rule_kernel,
     hermite_weights,
     inner_kernel,
     interpolated_local_kernel,
@@ -19,7 +20,7 @@ from factors.kernels import (
     se3_polynomial_kernel,
 )
 from factors.kernels.local_variables import backward_adjoint_kernel
-from factors.kernels.se3 import polynomial_derivative_kernel, stumpff_kernel
+from factors.kernels.se3 import polynomial_derivative_kernel
 from factors.structureless.landmark_kernels import (
     Index,
     landmark_rows_kernel,
@@ -54,80 +55,25 @@ def measurement_rows_kernel(
     for i in range(len(local_j)):
         local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
         by_states_j[i] = local_jacobian_kernel(local_j[i], v_states[i + 1], EXACT)
-    result, by_landmark = np.zeros((len(order), 3, 31)), np.empty((len(order), 3, 3))
-    h, by_h, rows = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
+    result, by_landmark = np.empty((len(order), 3, 31)), np.empty((len(order), 3, 3))
+    h, by_h, rows, chained = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.empty((3, 30))
     for m in range(len(order)):
         n = order[m]
         i, k = first[n], of[n]
         landmark_rows_kernel(
-            T[n], charts[k], coordinates[k], measured[n], camera, whitening, h, by_h, rows
+            T, n, charts, coordinates, k, measured, n, camera, whitening, h, by_h, rows
         )
-        pose_rows_kernel(coordinates[k], h, by_h, weights[n], rows)
+        pose_rows_kernel(coordinates[k, 2], h, by_h, weights[n], rows)
         share = hermite_weights(a[n], b[n])
         local = interpolated_local_kernel(v_states[i], local_j[i], share)
-        _chain_rule_kernel(rows, local, by_states_j[i], share, result[m])
+        chain_rule_kernel(rows, local, by_states_j[i], share, chained)
         for r in range(3):
+            for c in range(30):
+                result[m, r, c] = chained[r, c]
             result[m, r, 30] = rows[r, 9]
             for c in range(3):
                 by_landmark[m, r, c] = rows[r, 6 + c]
     return result, by_landmark
-
-
-@inner_kernel
-def _chain_rule_kernel(
-    rows: Array, local: Array, by_states_j: Array, share: Array, result: Array
-) -> None:
-    """Write Jacobians with respect to both states (24) and xi (6), from that of the pose.
-
-    Rows are multiplied by Jr(xi) and by the adjoint of Exp(-xi), 1 + p W + q W^2, without making
-    these matrices: p and q are numbers, and their dual parts times what the angle changes by.
-    """
-    c = stumpff_kernel(local[0] * local[0] + local[1] * local[1] + local[2] * local[2])
-    ds = 2 * (local[0] * local[3] + local[1] * local[4] + local[2] * local[5])
-    velocity, pose_j, rate_j = share[0, 0, 1], share[1, 0, 0], share[1, 0, 1]
-    B = by_states_j
-    for r in range(3):
-        row, line = rows[r], result[r]
-        _polynomial_row_kernel(row, local, -c[0, 1], c[0, 2], -ds * c[1, 1], ds * c[1, 2], line, 0)
-        _polynomial_row_kernel(row, local, -c[0, 2], c[0, 3], -ds * c[1, 2], ds * c[1, 3], line, 24)
-        for k in range(6):
-            line[6 + k] += velocity * line[24 + k]
-        x, y, z, u, v, w = line[24], line[25], line[26], line[27], line[28], line[29]
-        for j in range(24):
-            by_pose = x * B[0, j] + y * B[1, j] + z * B[2, j]
-            by_pose += u * B[3, j] + v * B[4, j] + w * B[5, j]
-            by_rate = x * B[6, j] + y * B[7, j] + z * B[8, j]
-            by_rate += u * B[9, j] + v * B[10, j] + w * B[11, j]
-            line[j] += pose_j * by_pose + rate_j * by_rate
-
-
-@inner_kernel
-def _polynomial_row_kernel(
-    row: Array, xi: Array, p: float, q: float, dp: float, dq: float, result: Array, first: int
-) -> None:
-    """Add row (6,) times the matrix 1 + p W + q W^2 of a twist to result, from `first` on.
-
-    W is [[phi]x 0; [rho]x [phi]x], so that (a, b) W = (a x phi + b x rho, b x phi). dp and dq are
-    the dual parts of p and q: the matrix has dp [phi]x + dq [phi]x^2 below the diagonal, too.
-    """
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        # The i-th entries of a x phi, b x phi, b x rho, and of these crossed once more.
-        a_j = row[k] * xi[i] - row[i] * xi[k]
-        a_k = row[i] * xi[j] - row[j] * xi[i]
-        b_j = row[3 + k] * xi[i] - row[3 + i] * xi[k]
-        b_k = row[3 + i] * xi[j] - row[3 + j] * xi[i]
-        c_j = row[3 + k] * xi[3 + i] - row[3 + i] * xi[3 + k]
-        c_k = row[3 + i] * xi[3 + j] - row[3 + j] * xi[3 + i]
-        a_phi = row[j] * xi[k] - row[k] * xi[j]
-        b_phi = row[3 + j] * xi[k] - row[3 + k] * xi[j]
-        b_rho = row[3 + j] * xi[3 + k] - row[3 + k] * xi[3 + j]
-        a_phi_phi = a_j * xi[k] - a_k * xi[j]
-        b_phi_phi = b_j * xi[k] - b_k * xi[j]
-        mixed = b_j * xi[3 + k] - b_k * xi[3 + j] + c_j * xi[k] - c_k * xi[j]
-        result[first + i] += row[i] + p * (a_phi + b_rho) + q * (a_phi_phi + mixed)
-        result[first + i] += dp * b_phi + dq * b_phi_phi
-        result[first + 3 + i] += row[3 + i] + p * b_phi + q * b_phi_phi
 
 
 @kernel
