@@ -32,6 +32,7 @@ from benchmarks.factors_problem import (
     without_landmarks,
 )
 from benchmarks.factors_pysteam import pysteam_step
+from benchmarks.factors_table import all_factors, whole_optimisations
 from benchmarks.turns import fastest
 from factors import optimize
 from gpvo.estimator.blas_threads import one_blas_thread
@@ -179,7 +180,16 @@ def plot_growth(path: Path) -> None:
 def main(plot: Path | None = None) -> None:
     """Print all ratios; with a path also save the plot of the cost per state."""
     table = Table("measured", "here", "wanted")
-    sections = single_factors, growth, gauss_newton, key_states_window, first_order, cost_per_state
+    sections = (
+        single_factors,
+        all_factors,
+        whole_optimisations,
+        growth,
+        gauss_newton,
+        key_states_window,
+        first_order,
+        cost_per_state,
+    )
     for section in sections:
         with one_blas_thread():  # as in the estimator
             section(table)

@@ -60,6 +60,7 @@ def estimate() -> Trajectory:
         x = trajectory.pose(now)[0, 3]
         sigma = np.sqrt(trajectory.covariance(now)[3, 3])
         print(f"t = {now:.4f} s: x = {x:+.3f} m, 3 sigma {3 * sigma:.3f} m")
+    assert trajectory is not None
     return trajectory
 
 

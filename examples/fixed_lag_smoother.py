@@ -2,10 +2,14 @@
 
 Stereo measurements come one by one, each at its own time, and an odometer measures the velocity
 every 50 ms. For half a second nothing is seen, and the odometer holds the motion; then landmarks of
-before are seen again. Run as ``python -m examples.fixed_lag_smoother``.
+before are seen again. Run as ``python -m examples.fixed_lag_smoother``; with a file name it also
+saves a plot.
 """
 
 from __future__ import annotations
+
+import sys
+from pathlib import Path
 
 import gtsam
 import numpy as np
@@ -59,14 +63,30 @@ def run(odometer: bool) -> Array:
     return np.array(errors)
 
 
-def main() -> Array:
+def main(plot: Path | None = None) -> Array:
     """Print the largest errors without and with the odometer, and return the latter."""
     alone, helped = run(odometer=False), run(odometer=True)
     for name, errors in (("tracklets alone", alone), ("with an odometer", helped)):
         largest = np.linalg.norm(errors[:, 3:], axis=1).max()
         print(f"{name}: {len(errors)} states, largest position error {1e3 * largest:.1f} mm")
+    if plot:
+        save_plot(plot, alone, helped)
     return helped
 
 
+def save_plot(path: Path, alone: Array, helped: Array) -> None:
+    """Position errors after each cluster, and when nothing is seen."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 3), layout="constrained")
+    axes = figure.subplots()
+    axes.axvspan(DARK[0] - 0.5, DARK[-1] + 0.5, color="0.93", label="nothing seen")
+    for name, errors in (("tracklets alone", alone), ("with an odometer", helped)):
+        axes.semilogy(1e3 * np.linalg.norm(errors[:, 3:], axis=1) + 1e-2, "o-", label=name)
+    axes.set(xlabel="cluster", ylabel="position error (mm)")
+    axes.legend(frameon=False)
+    figure.savefig(path, dpi=120)
+
+
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)

@@ -1,0 +1,137 @@
+"""Linearisation of every factor beside GTSAM's own of the same kind, and whole optimisations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, L, U, V, X
+from rich.table import Table
+
+from benchmarks.factors_problem import (
+    CAMERA,
+    NOISE,
+    QC,
+    Problem,
+    as_graph,
+    native_factors,
+    native_stereo,
+    our_factors,
+    standard_problem,
+)
+from benchmarks.turns import fastest
+from factors import (
+    GyroFactor,
+    ImuFactor,
+    InterpolatedFactor,
+    InterpolatedStereoFactor,
+    PointToPlaneFactor,
+    StereoReprojectionFactor,
+    WnoaPriorFactor,
+    WnoaPriorFactorPose2,
+    WnojPriorFactor,
+    optimize,
+)
+
+Pair = tuple[Any, Any]
+
+
+def pairs(problem: Problem) -> dict[str, Pair]:
+    """Ours and GTSAM's own, or None if GTSAM has none."""
+    states = [gtsam.StateData(X(k), V(k), float(problem.times[k])) for k in range(2)]
+    t = float(problem.times[:2].mean())
+    at, between = {gtsam.StateData(X(900), V(900), t)}, set(states)
+    one, three = (gtsam.noiseModel.Isotropic.Sigma(n, 0.1) for n in (1, 3))
+    gps = gtsam.GPSFactor(X(900), np.zeros(3), three)
+    stereo = native_stereo(problem, 0)
+    at_t = gtsam.GenericStereoFactor3D(
+        stereo.measured(), stereo.noiseModel(), X(900), L(0), stereo.calibration()
+    )
+    interpolated = gtsam.WnoaInterpFactorPose3
+    plane = [gtsam.StateData(U(k), U(10 + k), states[k].time) for k in range(2)]
+    qc, jerk = np.full(3, 0.1), [(X(k), V(k), V(500 + k), states[k].time) for k in range(2)]
+    imu = gtsam.PreintegratedImuMeasurements(gtsam.PreintegrationParams.MakeSharedU(9.81))
+    imu.integrateMeasurement(np.array([0, 0, 9.81]), np.zeros(3), states[1].time - states[0].time)
+    on_plane = PointToPlaneFactor(np.ones(3), np.eye(3)[0], 1.0, one, 0)
+    measured, camera = problem.measured[0], (L(0), CAMERA)
+    return {
+        "WnoaPriorFactor": (
+            WnoaPriorFactor(*states, QC),
+            gtsam.WnoaMotionFactorPose3(*states, QC),
+        ),
+        "WnoaPriorFactorPose2": (
+            WnoaPriorFactorPose2(*plane, qc),
+            gtsam.WnoaMotionFactorPose2(*plane, qc),
+        ),
+        "WnojPriorFactor": (WnojPriorFactor(*jerk, QC), None),
+        "StereoReprojectionFactor": (
+            StereoReprojectionFactor(measured, NOISE, X(0), *camera),
+            stereo,
+        ),
+        "InterpolatedStereoFactor": (
+            InterpolatedStereoFactor(measured, NOISE, *states, *camera, t),
+            interpolated(at_t, between, at, QC, True),
+        ),
+        "InterpolatedFactor, GPS": (
+            InterpolatedFactor(gps, *states, t),
+            interpolated(gps, between, at, QC, True),
+        ),
+        "InterpolatedFactor, GPS, qc": (
+            InterpolatedFactor(gps, *states, t, qc=QC),
+            interpolated(gps, between, at, QC, False),
+        ),
+        "InterpolatedFactor, plane": (InterpolatedFactor(on_plane, *states, t), None),
+        "GyroFactor": (GyroFactor(np.zeros(3), three, V(0), B(0)), None),
+        "ImuFactor": (
+            ImuFactor(imu, *states, B(0)),
+            gtsam.ImuFactor(X(0), U(20), X(1), U(21), B(0), imu),
+        ),
+    }
+
+
+def all_factors(table: Table) -> None:
+    """Linearisation of each factor, held by Python, at values that Python owns."""
+    problem = standard_problem(60)
+    values = gtsam.Values(problem.start)
+    for k in range(2):
+        values.insert(U(k), gtsam.Pose2(0.1 * k, 0, 0))
+        values.insert(U(10 + k), np.zeros(3))
+        values.insert(U(20 + k), np.zeros(3))
+        values.insert(V(500 + k), np.zeros(6))
+    values.insert(B(0), gtsam.imuBias.ConstantBias())
+    for name, (ours, native) in pairs(problem).items():
+        calls: dict[str, Callable[[], object]] = {
+            "ours": lambda ours=ours: ours.linearize(values)  # type: ignore[misc]
+        }
+        if native is not None:
+            calls["native"] = lambda native=native: native.linearize(values)  # type: ignore[misc]
+        seconds = fastest(calls, rounds=30, each=60)
+        ratio = "" if native is None else f", {seconds['ours'] / seconds['native']:.1f} x native"
+        table.add_row(f"{name}, us", f"{1e6 * seconds['ours']:.1f}{ratio}", "<= 2.5 x")
+
+
+def whole_optimisations(table: Table) -> None:
+    """Three steps of Levenberg-Marquardt: GTSAM's on its own factors, and `optimize` on ours."""
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setLinearSolverType("MULTIFRONTAL_QR")
+    parameters.setMaxIterations(3)
+    parameters.setRelativeErrorTol(0)
+    parameters.setAbsoluteErrorTol(0)
+    for states in (100, 2000):
+        seconds = fastest(solvers(standard_problem(states), parameters), rounds=3, each=1)
+        ratio = seconds["ours"] / seconds["native"]
+        table.add_row(f"LM by optimize to native, {states} states", f"{ratio:.2f}", "<= 1.7")
+
+
+def solvers(
+    problem: Problem, parameters: gtsam.LevenbergMarquardtParams
+) -> dict[str, Callable[[], object]]:
+    """GTSAM's optimiser on its own factors, and ours on ours."""
+    native, ours = as_graph(native_factors(problem)), as_graph(our_factors(problem))
+    solver, start = gtsam.LevenbergMarquardtOptimizer, problem.start
+    return {
+        "native": lambda: solver(native, start, parameters).optimize(),
+        "ours": lambda: optimize(ours, start, parameters),
+    }
