@@ -19,6 +19,7 @@ from factors.structureless.prior_kernels import add_prior_products_kernel
 from factors.structureless.row_kernels import (
     add_cross_products_kernel,
     add_square_kernel,
+    solve_kernel,
     spread_rows_kernel,
     whiten_kernel,
 )
@@ -127,10 +128,9 @@ class JointSystem:
         """Return the steps (L, 3) of the landmarks, given the step (12 m,) of the states."""
         root, right = self.shared_given_states
         shared = -np.linalg.solve(root.T, right @ np.append(moved, 1.0))
-        right_side = self.cross @ np.concatenate([shared, moved, [1.0]])
-        regular = self.root + (1 - self.known)[:, None, None] * np.eye(3)
-        steps = np.linalg.solve(regular, right_side[..., None])[..., 0]
-        return -self.known[:, None] * steps
+        steps = self.cross @ -np.concatenate([shared, moved, [1.0]])
+        solve_kernel(self.root, self.known, steps)
+        return steps
 
     def predicted(
         self, of: Index, first: Index, rows: Array, by_landmark: Array, covariance: Array

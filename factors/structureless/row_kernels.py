@@ -172,6 +172,16 @@ def whiten_kernel(own: Array, cross: Array, known: Array) -> None:
 
 
 @kernel
+def solve_kernel(root: Array, known: Array, x: Array) -> None:
+    """Replace x (L, 3) by the solution of root (L, 3, 3) times it, by zero where not known."""
+    for k in range(len(x)):
+        for i in range(2, -1, -1):
+            for j in range(i + 1, 3):
+                x[k, i] -= root[k, i, j] * x[k, j]
+            x[k, i] = x[k, i] / root[k, i, i] if known[k] > 0 else 0.0
+
+
+@kernel
 def states_between_kernel(
     T_states: Array,
     v_states: Array,

@@ -255,7 +255,7 @@ class FixedLagSmoother:
         if len(t) == 0:
             return
         ahead = velocity_ahead(self._keys, t[-1], velocity, self._build.noise)
-        new = self._keys.at(t, ahead)
+        new = self._keys[-1:].at(t, ahead)
         self._keys = States.concatenate([self._keys, new])
         update.add_states(self._window.after(count))
         update.add_factors(self._build.motion(self.window[count - 1 :], self._keys.t[count - 1 :]))
