@@ -69,7 +69,13 @@ class StatesBetween:
         )
 
     def states(self, t: Array | None = None) -> tuple[Array, Array]:
-        """Poses (n, 4, 4) and twists (n, 6) at times (n,) within the states, by default at `t`."""
+        """Poses (n, 4, 4) and twists (n, 6) at times (n,) within the states, by default at `t`.
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside.
+        """
         t = self.t if t is None else t
         T, v = np.empty((len(t), 4, 4)), np.empty((len(t), 6))
         first, deviation = self._interval(t), np.empty((len(t), 12))
@@ -133,5 +139,8 @@ class StatesBetween:
 
     def _interval(self, t: Array) -> Index:
         """(n,) number of the state before each time."""
+        if len(t) and not (self.t_states[0] <= t.min() and t.max() <= self.t_states[-1]):
+            span = f"{self.t_states[0]} to {self.t_states[-1]}"
+            raise ValueError(f"t from {t.min()} to {t.max()} must lie within the states', {span}")
         before = np.searchsorted(self.t_states, t, "right") - 1
         return np.clip(before, 0, len(self.t_states) - 2)

@@ -12,7 +12,6 @@ from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.batch_graph import Window
 from gpvo.estimator.diagnostics import (
     Diagnostic,
-    checked_measurements,
     diagnostics_of,
     named_landmark,
     split_usable,
@@ -76,9 +75,7 @@ class SlidingWindow:
         ValueError
             If a column of the measurements has another type or length.
         """
-        earliest = self._states.t[0] if len(self._states) else -np.inf
-        checked = checked_measurements(measurements)
-        usable, left_out = split_usable(checked, earliest, end_time)
+        usable, left_out = split_usable(measurements, self._states.t, end_time)
         self.diagnostics += left_out
         if len(self._states) == 0:
             if len(usable) == 0:

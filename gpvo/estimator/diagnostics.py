@@ -7,8 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gpvo.tracking.measurements import Measurements
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -71,13 +74,20 @@ def checked_measurements(measurements: Measurements) -> Measurements:
 
 
 def split_usable(
-    measurements: Measurements, earliest: float, latest: float
+    measurements: Measurements, t_window: Array, latest: float
 ) -> tuple[Measurements, list[Diagnostic]]:
     """Return the measurements that can be used, and a diagnostic for each other one.
 
-    All numbers must be finite, the disparity positive, and times within [earliest, latest], s.
+    All numbers must be finite, the disparity positive, and times not before the first one (K,) in
+    the window, if any, nor after the latest, seconds.
+
+    Raises
+    ------
+    ValueError
+        If a column of the measurements has another type or length.
     """
-    stereo, t = measurements.stereo, measurements.t
+    stereo, t = checked_measurements(measurements).stereo, measurements.t
+    earliest = t_window[0] if len(t_window) else -np.inf
     reasons = {
         "not a finite number": ~np.isfinite(stereo).all(axis=1) | ~np.isfinite(t),
         "disparity is not positive": ~(stereo[:, 2] > 0),

@@ -11,7 +11,7 @@ from factors import StatesBetween, StereoCamera
 from factors.inner_factor import InnerFactor
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.blas_threads import one_blas_thread
-from gpvo.estimator.diagnostics import Diagnostic, checked_measurements, split_usable
+from gpvo.estimator.diagnostics import Diagnostic, split_usable
 from gpvo.estimator.final_states import correct_final_states
 from gpvo.estimator.gate import within_gate
 from gpvo.estimator.graph_builder import GraphBuilder
@@ -107,9 +107,7 @@ class FixedLagSmoother:
         ValueError
             If a column of the measurements has another type or length.
         """
-        earliest = self._keys.t[0] if len(self._keys) else -np.inf
-        checked = checked_measurements(measurements)
-        usable, left_out = split_usable(checked, earliest, end_time)
+        usable, left_out = split_usable(measurements, self._keys.t, end_time)
         self.diagnostics += left_out
         update = GraphUpdate()
         with one_blas_thread():

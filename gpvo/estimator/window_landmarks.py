@@ -37,7 +37,7 @@ class WindowLandmarks:
         self.measurements = Measurements.concatenate([])
         self._prior = LandmarkPrior.none()
         self._factor: StructurelessStereoFactor | None = None
-        self._states = 0
+        self._state_count = 0
         self._place: int | None = None
         self.index: int | None = None
         """Where the factor is in GTSAM's graph."""
@@ -114,7 +114,7 @@ class WindowLandmarks:
         self.measurements = Measurements.concatenate([self.measurements, new])
         stays = self.measurements.t >= start
         # The factor that GTSAM has is linearised already, and knows all unless some came late.
-        reaches = self._factor is not None and leaving < self._states
+        reaches = self._factor is not None and leaving < self._state_count
         factor = self._factor if reaches and not late else self.factor_of(window)
         if factor is not None:
             marginal = marginalize(
@@ -134,7 +134,7 @@ class WindowLandmarks:
         return np.full(3, self._build.noise.track_drift * np.sqrt(duration))
 
     def _follow(self, update: GraphUpdate, window: NumberedStates) -> None:
-        self._factor, self._states = self.factor_of(window), len(window.states)
+        self._factor, self._state_count = self.factor_of(window), len(window.states)
         self._place = None if self._factor is None else len(update.factors)
         update.add_factors([] if self._factor is None else [self._factor])
 

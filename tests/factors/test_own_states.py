@@ -205,3 +205,13 @@ def test_a_window_in_which_nothing_is_seen_says_nothing(model: Any) -> None:
 def test_tolerance_is_not_negative(tolerance: float) -> None:
     with pytest.raises(ValueError, match="tolerance must"):
         WINDOW.factor(0, QC, None, tolerance)
+
+
+@pytest.mark.parametrize("qc", [None, QC], ids=["interpolated", "own states"])
+@pytest.mark.parametrize("key", [X(1), V(1)])
+def test_a_state_that_is_no_number_has_an_error_that_is_none(qc: Any, key: int) -> None:
+    """Not the constant one of a point behind the camera."""
+    factor, values = WINDOW.factor(0, qc), gtsam.Values(NEAR)
+    values.update(key, gtsam.Pose3(np.full((4, 4), np.nan)) if key == X(1) else np.full(6, np.nan))
+    assert np.isnan(factor.error(values))
+    assert np.isnan(factor.linearize(values).jacobian()[1]).any()

@@ -192,3 +192,12 @@ def test_fewer_than_two_times_have_no_joint_covariance(count: int) -> None:
     _, covariance, between = solved(WINDOW.factor(0, QC))
     assert between.joint_covariances(WINDOW.t[:count], covariance).shape == (0, 24, 24)
     assert between.states(WINDOW.t[:count])[0].shape == (count, 4, 4)
+
+
+@pytest.mark.parametrize("outside", [-1e-6, 1e-6])
+def test_times_outside_the_states_are_refused(outside: float) -> None:
+    _, _, between = solved(WINDOW.factor(0, QC))
+    end = WINDOW.t_states[0] if outside < 0 else WINDOW.t_states[-1]
+    t = np.sort([WINDOW.t_states[1], end + outside])
+    with pytest.raises(ValueError, match="must lie within the states"):
+        between.states(t)
