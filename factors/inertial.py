@@ -13,7 +13,6 @@ from factors.factor import Factor
 from factors.inner_factor import parts_of
 from factors.jacobian_blocks import Jacobians, fill
 from factors.kernels import Array
-from factors.lie import skew
 from factors.variables import BIAS, POSE3, TWIST, State, Variable, as_state
 
 
@@ -122,21 +121,20 @@ class ImuFactor(Factor):
         (pose_i, velocity_i, _), (pose_j, velocity_j, _) = states
 
         def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
-            at = gtsam.Values()
-            by_state = [
-                _insert(at, 0, values.atPose3(pose_i), values.atVector6(velocity_i)),
-                _insert(at, 2, values.atPose3(pose_j), values.atVector6(velocity_j)),
-            ]
-            at.insert(4, values.atConstantBias(bias))
+            at, turns = gtsam.Values(), []
+            for key, pose, velocity in ((0, pose_i, velocity_i), (2, pose_j, velocity_j)):
+                T, v = values.atPose3(pose), values.atVector6(velocity)[3:]
+                R = T.rotation().matrix()
+                at.insert(key, pose3=T)  # by name: see CopiedValue
+                at.insertPoint3(key + 1, R @ v)
+                turns.append((R, v))
+            at.insert(4, constant_bias=values.atConstantBias(bias))
             if jacobians is None:
                 return evaluate(at, None)
             inner: list[Any] = [None] * 5
-            found = evaluate(at, inner)
-            blocks = []
-            for n, (by_rotation, by_twist) in enumerate(by_state):
-                by_pose = inner[2 * n].copy()
-                by_pose[:, :3] += inner[2 * n + 1] @ by_rotation
-                blocks += [by_pose, inner[2 * n + 1] @ by_twist]
+            found, blocks = evaluate(at, inner), list[Array]()
+            for n, (R, v) in enumerate(turns):
+                blocks += _by_state(inner[2 * n], inner[2 * n + 1] @ R, v)
             fill(jacobians, [*blocks, inner[4]])
             return found
 
@@ -151,12 +149,14 @@ class ImuFactor(Factor):
         super().__init__(model, variables, error, {**made_of, "bias": int(bias)})
 
 
-def _insert(at: gtsam.Values, key: int, pose: gtsam.Pose3, twist: Array) -> tuple[Array, Array]:
-    """Insert a pose and the velocity in the world at the next key.
+def _by_state(by_pose: Array, by_velocity: Array, v: Array) -> tuple[Array, Array]:
+    """Return the Jacobians (9, 6) by pose and twist, from that by the pose at fixed velocity R v.
 
-    Returned are the velocity's Jacobians with respect to rotation (3, 3) and twist (3, 6).
+    `by_velocity` (9, 3) is that by the velocity v in the body; R v turns with the pose.
     """
-    R = pose.rotation().matrix()
-    at.insert(key, pose)
-    at.insert(key + 1, R @ twist[3:])
-    return -R @ skew(twist[3:]), np.hstack([np.zeros((3, 3)), R])
+    x, y, z = v
+    turned = by_pose.copy()
+    turned[:, :3] -= by_velocity @ np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    by_twist = np.zeros((len(by_pose), 6))
+    by_twist[:, 3:] = by_velocity
+    return turned, by_twist

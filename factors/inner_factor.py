@@ -95,39 +95,37 @@ class CopiedValue:
     """Copies the value at a key from values to others, whatever its type."""
 
     def __init__(self) -> None:
-        self._read: Callable[[gtsam.Values, int], Any] = gtsam.Values.atVector
+        self._read = "atVector"
 
     def read(self, values: gtsam.Values, key: int) -> Any:
         """Read the value; its type is found out once."""
-        try:
-            return self._read(values, key)
-        except RuntimeError:
-            pass
-        for reader in _READERS:
+        for name in (self._read, *_READERS):
             try:
-                found = reader(values, key)
+                found = getattr(values, name)(key)
             except RuntimeError:
                 continue
-            self._read = reader
+            self._read = name
             return found
         raise ValueError("a value of a type that GTSAM cannot read in Python")
 
     def copy(self, values: gtsam.Values, key: int, to: gtsam.Values) -> None:
         """Copy the value at the key."""
         value = self.read(values, key)
-        if self._read is gtsam.Values.atPoint3:
-            to.insertPoint3(key, value)
+        if self._read in _NAMES:
+            to.insert(key, **{_NAMES[self._read]: value})
         else:
             to.insert(key, value)
 
 
-_FIRST = [gtsam.Values.atPose3, gtsam.Values.atVector, gtsam.Values.atPoint3]
-_READERS: list[Callable[[gtsam.Values, int], Any]] = [
-    *_FIRST,
-    *(
-        reader
-        for name, reader in vars(gtsam.Values).items()
-        if name.startswith("at") and reader not in _FIRST
-    ),
-]
-ANY = Kind("a value that GTSAM can read in Python", CopiedValue().read)
+# The name of the argument leads GTSAM to the overload at once. Without it, it tries up to 45 of
+# them, in 10 to 140 microseconds.
+_NAMES = {
+    "atPose3": "pose3",
+    "atVector": "vector",
+    "atPoint3": "point3",
+    "atPose2": "pose2",
+    "atRot3": "rot3",
+    "atConstantBias": "constant_bias",
+}
+_READERS = [*_NAMES, *(name for name in vars(gtsam.Values) if name.startswith("at"))]
+ANY = Kind("a value that GTSAM can read in Python", lambda *of: CopiedValue().read(*of))

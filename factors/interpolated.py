@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import checked_finite_noise, power_spectral_density
+from factors.checks import checked_finite_noise
 from factors.factor import Evaluate, Factor
 from factors.inner_factor import ANY, CopiedValue, InnerFactor, parts_of
 from factors.interpolation import root_given_states
@@ -23,6 +23,7 @@ from factors.variables import (
     checked_keys,
     checked_time_between,
 )
+from factors.wnoa import whitening
 
 
 class InterpolatedFactor(Factor):
@@ -90,7 +91,7 @@ class InterpolatedFactor(Factor):
         own = checked_keys(variables)
         others = [key for key in inner_keys if key not in (pose, velocity)]
         variables += [Variable("of inner", key, ANY) for key in others if key not in own]
-        noise = None if qc is None else _NoiseBetween(model, power_spectral_density(qc))
+        noise = None if qc is None else _NoiseBetween(model, whitening(qc))
         error = _Interpolation(evaluate, inner_keys, (pose, velocity), states, t, noise)
         made_of = {
             "inner": inner,
@@ -107,19 +108,19 @@ class InterpolatedFactor(Factor):
 class _NoiseBetween:
     """Noise of a measurement between two states, to which these leave the state at t uncertain."""
 
-    def __init__(self, model: gtsam.noiseModel.Base, qc: Array) -> None:
+    def __init__(self, model: gtsam.noiseModel.Base, W: Array) -> None:
         checked_finite_noise(model, model.dim())
         robust = model.robust() if isinstance(model, gtsam.noiseModel.Robust) else None
         gaussian = model.noise() if isinstance(model, gtsam.noiseModel.Robust) else model
         unit = gtsam.noiseModel.Unit.Create(model.dim())
         self.model = unit if robust is None else gtsam.noiseModel.Robust.Create(robust, unit)
-        self._covariance, self._qc = gaussian.covariance(), qc  # type: ignore[attr-defined]
+        self._covariance, self._W = gaussian.covariance(), W  # type: ignore[attr-defined]
 
     def whitening(
         self, ends: tuple[Array, ...], T: Array, v: Array, a: float, b: float, H: Array
     ) -> Array:
         """Return W (m, m) of errors with the Jacobian H (m, 12) by the state (T, v) at t."""
-        root = H @ root_given_states(ends, T, v, a, b, self._qc)
+        root = H @ root_given_states(ends, T, v, a, b, self._W)
         covariance = self._covariance + root @ root.T
         return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
@@ -179,9 +180,9 @@ class _Interpolation:
         """Return the values of the inner factor, the state at t among them."""
         found = gtsam.Values()
         if self._pose is not None:
-            found.insert(self._pose, gtsam.Pose3(T))
+            found.insert(self._pose, pose3=gtsam.Pose3(T))  # by name: see CopiedValue
         if self._velocity is not None:
-            found.insert(self._velocity, v)
+            found.insert(self._velocity, vector=v)
         for key, copied in self._others.items():
             copied.copy(values, key, found)
         return found

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import Poses, checked_array, checked_poses, power_spectral_density
+from factors.checks import Poses, checked_array, checked_poses
 from factors.kernels import (
     EXACT,
     Array,
@@ -94,9 +94,9 @@ def interpolate(
             raise ValueError("qc is needed to interpolate a covariance")
         joint = checked_array("joint_covariance", joint_covariance, (24, 24))
         root = _spread(_square_root(joint), batch, (24, 24))
-        qc = power_spectral_density(qc)
-        from_i = _whitened_prior(T_i, v_i, pose, velocity, a, qc)
-        to_j = _whitened_prior(pose, velocity, T_j, v_j, b, qc)
+        W = whitening(qc)
+        from_i = _whitened_prior(T_i, v_i, pose, velocity, a, W)
+        to_j = _whitened_prior(pose, velocity, T_j, v_j, b, W)
         covariance = _between(from_i, to_j, root)
         joint = _spread(joint, batch, (24, 24))
         covariance[a == 0], covariance[b == 0] = joint[a == 0, :12, :12], joint[b == 0, 12:, 12:]
@@ -128,7 +128,7 @@ def _moved_batch(T_i: Array, local: Array, T: Array, v: Array) -> None:
         retract_kernel(T_i[n], local[n], T[n], v[n])
 
 
-def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, qc: Array) -> Array:
+def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, W: Array) -> Array:
     """Compute the Jacobian of the prior's whitened error with respect to both states, (n, 12, 24).
 
     The states i and j are dt (n,) seconds apart. A duration of zero is replaced by one second; its
@@ -138,7 +138,7 @@ def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, q
     rows = zip(T_i, v_i, T_j, v_j, dt, strict=True)
     derivatives = np.array([wnoa_kernel(*row, True, EXACT) for row in rows])
     derivatives = derivatives.reshape(-1, 12, 25)
-    return kronecker(information_root(dt), whitening(qc)) @ derivatives[..., :24]
+    return kronecker(information_root(dt), W) @ derivatives[..., :24]
 
 
 def _between(from_i: Array, to_j: Array, root: Array) -> Array:
@@ -166,18 +166,27 @@ def _given_states(from_i: Array, to_j: Array) -> tuple[Array, Array]:
 
 
 def root_given_states(
-    ends: Sequence[Array], T: Array, v: Array, a: float, b: float, qc: Array
+    ends: Sequence[Array], T: Array, v: Array, a: float, b: float, W: Array
 ) -> Array:
     """Compute L (12, 12), LLᵀ the covariance of the state (T, v) given two states.
 
-    The states `ends`, T_i, v_i, T_j, v_j, are a seconds before it and b after it.
+    The states `ends`, T_i, v_i, T_j, v_j, are a seconds before it and b after it; W is the
+    `whitening` of the power spectral density.
     """
     if a == 0 or b == 0:
         return np.zeros((12, 12))
-    T_i, v_i, T_j, v_j = (np.ascontiguousarray(end)[None] for end in ends)
-    from_i = _whitened_prior(T_i, v_i, T[None], v[None], np.array([a]), qc)
-    to_j = _whitened_prior(T[None], v[None], T_j, v_j, np.array([b]), qc)
-    return _given_states(from_i, to_j)[1][0]
+    T_i, v_i, T_j, v_j = map(np.ascontiguousarray, ends)
+    own = np.empty((24, 12))
+    own[:12] = _root(a, W) @ wnoa_kernel(T_i, v_i, T, v, a, True, EXACT)[:, 12:24]
+    own[12:] = _root(b, W) @ wnoa_kernel(T, v, T_j, v_j, b, True, EXACT)[:, :12]
+    return np.asarray(np.linalg.inv(np.linalg.qr(own, mode="r")))
+
+
+def _root(dt: float, W: Array) -> Array:
+    """(12, 12) square root of the prior's information."""
+    root, S = information_root(dt), np.zeros((12, 12))
+    S[:6, :6], S[:6, 6:], S[6:, 6:] = root[0, 0] * W, root[0, 1] * W, root[1, 1] * W
+    return S
 
 
 def _square_root(covariance: Array) -> Array:
@@ -246,9 +255,9 @@ def extrapolate(
         if qc is None:
             raise ValueError("qc is needed to extrapolate a covariance")
         start = checked_array("covariance", covariance, (12, 12))
-        qc = power_spectral_density(qc)
-        ahead = _whitened_prior(T_i, v_i, pose, velocity, np.maximum(dt, 0), qc)
-        behind = _whitened_prior(pose, velocity, T_i, v_i, np.maximum(-dt, 0), qc)
+        W = whitening(qc)
+        ahead = _whitened_prior(T_i, v_i, pose, velocity, np.maximum(dt, 0), W)
+        behind = _whitened_prior(pose, velocity, T_i, v_i, np.maximum(-dt, 0), W)
         own = np.where(dt[:, None, None] > 0, ahead[..., 12:], behind[..., :12])
         other = np.where(dt[:, None, None] > 0, ahead[..., :12], behind[..., 12:])
         inverse = np.linalg.inv(own)

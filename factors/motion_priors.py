@@ -164,7 +164,7 @@ class _PriorError:
         self._dt, self._W, self.size = dt, W, order * len(W)
         self._root = np.kron(information_root(order, dt), W)
         size, columns = len(W), range(len(W)) if space is None else space.columns
-        width = size if space is None else 6
+        width, self._columns = size if space is None else 6, np.array(columns)
         self._rows = np.concatenate([width * k + np.array(columns) for k in range(order)])
         self._picked = np.ix_(self._rows, np.r_[self._rows, width * order + self._rows])
         rate = vector(size)
@@ -189,9 +189,8 @@ class _PriorError:
         return [self._space.to_transform(found), *map(self._spread, rates)]
 
     def _spread(self, rate: Array) -> Array:
-        assert self._space is not None
         spread = np.zeros(6)
-        spread[list(self._space.columns)] = rate
+        spread[self._columns] = rate
         return spread
 
     def _linearized(self, i: list[Array], j: list[Array], dt: float) -> tuple[Array, Array]:

@@ -36,9 +36,8 @@ class Space(NamedTuple):
 
 
 def _of_pose2(pose: gtsam.Pose2) -> Array:
-    T = np.eye(4)
-    T[:2, :2], T[:2, 3] = pose.rotation().matrix(), pose.translation()
-    return T
+    c, s, x, y = np.cos(pose.theta()), np.sin(pose.theta()), pose.x(), pose.y()
+    return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
 def _of_rot3(rotation: gtsam.Rot3) -> Array:

@@ -29,6 +29,7 @@ from factors import (
 from factors.interpolation import root_given_states
 from factors.kernels import state_between_kernel
 from factors.lie import se3_exp
+from factors.wnoa import whitening
 
 Array = NDArray[np.float64]
 
@@ -220,7 +221,7 @@ def test_covariance_given_both_states_to_60_digits(dt: float, share: float) -> N
     ends = (*state(values, 0), *state(values, 1))
     a = share * dt
     T, v, _ = interpolate(*ends, 0.0, dt, a)
-    root = root_given_states(ends, T, v, a, dt - a, np.diag(QC))
+    root = root_given_states(ends, T, v, a, dt - a, whitening(QC))
     own = np.vstack(
         [
             whitened_prior(ends[:2], (T, v), a, QC)[:, 12:],
@@ -243,7 +244,7 @@ def test_the_noise_of_the_state_between_is_added(t: float, robust: bool) -> None
     error = plain.unwhitenedError(values)
     T, v, _ = interpolate(*state(values, 0), *state(values, 1), 0.0, DT, t)
     ends = (*state(values, 0), *state(values, 1))
-    root = T[:3, :3] @ root_given_states(ends, T, v, t, DT - t, np.diag(qc))[3:6]
+    root = T[:3, :3] @ root_given_states(ends, T, v, t, DT - t, whitening(qc))[3:6]
     covariance = noise(3).covariance() + root @ root.T
     distance = np.sqrt(error @ np.linalg.solve(covariance, error))
     expected = loss.loss(distance) if robust else distance**2 / 2
