@@ -36,7 +36,8 @@ class Space(NamedTuple):
 
 
 def _of_pose2(pose: gtsam.Pose2) -> Array:
-    c, s, x, y = np.cos(pose.theta()), np.sin(pose.theta()), pose.x(), pose.y()
+    angle, x, y = pose.theta(), pose.x(), pose.y()
+    c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 

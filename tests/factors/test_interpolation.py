@@ -178,3 +178,15 @@ def test_a_factor_without_its_landmark_has_the_optimum_of_explicit_ones(seed: in
     deviation = np.sqrt(QC.max() * dt**3 / 192)
     moved = se3_log(se3_inverse(state(reference, 1)[0]) @ state(eliminated, 1)[0])
     assert np.abs(moved).max() < deviation
+
+
+def test_gtsams_poses_are_as_good_as_matrices() -> None:
+    values, dt = random_states(3, 0.1), 0.1
+    (T_i, v_i), (T_j, v_j) = state(values, 0), state(values, 1)
+    poses = [values.atPose3(X(k)) for k in range(2)]
+    expected = interpolate(T_i, v_i, T_j, v_j, 0.0, dt, 0.03)
+    found = interpolate(poses[0], v_i, poses[1], v_j, 0.0, dt, 0.03)
+    np.testing.assert_array_equal(found.pose, expected.pose)
+    np.testing.assert_array_equal(se3_log(poses), se3_log(np.stack([T_i, T_j])))
+    ahead = extrapolate(poses[0], v_i, dt)
+    np.testing.assert_array_equal(ahead.pose, extrapolate(T_i, v_i, dt).pose)
