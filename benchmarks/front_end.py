@@ -47,14 +47,15 @@ FRONT_ENDS: dict[str, dict[str, Fields]] = {
     },
     "cluster": {
         "10 000 events": {"clustering": {"max_events": 10_000}},
-        "40 000 events": {"clustering": {"max_events": 40_000}},
-        "adaptive, 2.2 px": {"clustering": {"max_events": 80_000, "max_thickness": 2.2}},
-        "adaptive, 2.6 px": {"clustering": {"max_events": 80_000, "max_thickness": 2.6}},
+        "20 000 events": {"clustering": {"max_events": 20_000}},
+        "motion 1.5 px": {"clustering": {"motion": 1.5}},
+        "motion 3 px": {"clustering": {"motion": 3}},
     },
     "filter": {
+        "background, none": {"clustering": {"background_filter": 0}},
         "background, 20 ms": {"clustering": {"background_filter": 0.02}},
         "background, 5 ms": {"clustering": {"background_filter": 0.005}},
-        "hot pixels": {"clustering": {"hot_pixel_ratio": 10}},
+        "hot pixels, all": {"clustering": {"hot_pixel_ratio": 0}},
     },
     "patch": {
         "21 px": {"tracking": {"klt": {"patch_size": 21}}},

@@ -28,7 +28,6 @@ from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
 from gpvo.config import Configuration, EstimatorConfig, NoiseConfig, load_configuration
 from gpvo.estimator import Diagnostic, FixedLagSmoother, make_estimator, one_blas_thread
-from gpvo.events import cluster_events
 from gpvo.mc_ransac import VelocityFit
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
@@ -97,9 +96,7 @@ def tracklets_of(
     """The inlier tracklets of the first clusters, and the seconds that each took to get."""
     recorder = Recorder()
     odometry = Odometry(recording.rig, configuration, estimator=recorder)
-    clustering = odometry.configuration.clustering
-    stream = cluster_events(recording.event_batches(), recording.rig, clustering)
-    for cluster in islice(stream, clusters):
+    for cluster in islice(odometry.clusters(recording.event_batches()), clusters):
         odometry.process(cluster)
     front_end = float(np.mean(np.diff(recorder.began)[WARM_UP:]))
     return odometry.camera, recorder.updates, front_end

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
-from gpvo.config import Configuration
-from gpvo.events import StereoCluster
+from gpvo.config import Configuration, for_camera, in_full_pixels
+from gpvo.events import StereoCluster, cluster_events
 from gpvo.mc_ransac import VelocityFit, mc_ransac, segments_between
-from gpvo.recordings import StereoRig
+from gpvo.recordings import StereoEvents, StereoRig
 from gpvo.tracking import Measurements, Observations, Tracker, Tracklets, make_tracker
 
 
@@ -54,6 +54,10 @@ class FrontEnd:
     ----------
     camera
         The rectified stereo camera.
+    configuration
+        The configuration with what follows from the camera.
+    noise
+        Covariances of motion and measurements, in pixels of the sensor.
     rng
         Random numbers for MC-RANSAC's samples.
     """
@@ -68,12 +72,30 @@ class FrontEnd:
         self.camera = StereoCamera(
             rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
         )
-        self.rng = np.random.default_rng(configuration.seed)
-        self._config = configuration.mc_ransac
-        self._information = np.diag(configuration.noise.measurement_information)
-        self._tracker = make_tracker(configuration.tracking) if tracker is None else tracker
-        self._tracklets = Tracklets(configuration.tracklets)
+        self._rig = rig
+        self.configuration = for_camera(configuration, rig.left.resolution)
+        full = in_full_pixels(self.configuration)
+        self.noise = full.noise
+        self.rng = np.random.default_rng(full.seed)
+        self._config = full.mc_ransac
+        self._information = np.diag(full.noise.measurement_information)
+        self._tracker = make_tracker(full.tracking) if tracker is None else tracker
+        self._tracklets = Tracklets(full.tracklets)
+        self._tracked_pixel = full.tracking.pixel
         self._stage = stage
+
+    def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
+        """Cut a stream into clusters, each to be processed before the next one is taken."""
+        clustering = self.configuration.clustering
+        return cluster_events(batches, self._rig, clustering, self.image_speed)
+
+    def image_speed(self) -> float | None:
+        """Return the speed of the features in the latest clusters, tracked pixels per second.
+
+        It is None while few features are known at two times.
+        """
+        speed = self._tracklets.image_speed()
+        return None if speed is None else speed / self._tracked_pixel
 
     def process(self, cluster: StereoCluster) -> TrackedCluster:
         """Track landmarks into the next cluster, in order of time, and reject outliers."""

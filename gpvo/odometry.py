@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ import numpy as np
 from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.estimator import Estimator, make_estimator, one_blas_thread
-from gpvo.events import StereoCluster, cluster_events
+from gpvo.events import StereoCluster
 from gpvo.front_end import FrontEnd
-from gpvo.recordings import Recording, StereoRig
+from gpvo.recordings import Recording, StereoEvents, StereoRig
 from gpvo.tracking import Tracker
 from gpvo.trajectory import Trajectory
 
@@ -70,14 +70,13 @@ class Odometry:
         tracker: Tracker | None = None,
         estimator: Estimator | None = None,
     ) -> None:
-        self.configuration = configuration or Configuration()
         self.reports: list[ClusterReport] = []
-        self._rig = rig
         self._stage = stage
-        self._front_end = FrontEnd(rig, self.configuration, tracker, stage)
+        self._front_end = FrontEnd(rig, configuration or Configuration(), tracker, stage)
+        self.configuration = self._front_end.configuration
         self.camera = self._front_end.camera
         self.estimator = estimator or make_estimator(
-            self.camera, self.configuration.noise, self.configuration.estimator
+            self.camera, self._front_end.noise, self.configuration.estimator
         )
 
     def run(
@@ -96,9 +95,8 @@ class Odometry:
         InputError
             If the events are faulty, or no landmark could be tracked in any cluster.
         """
-        batches = recording.event_batches(start, start + duration)
-        clusters = cluster_events(batches, self._rig, self.configuration.clustering)
-        for cluster in prefetched(self._staged("events and clustering", clusters)):
+        batches = prefetched(recording.event_batches(start, start + duration))
+        for cluster in self.clusters(batches):
             report = self.process(cluster)
             if progress is not None:
                 progress(report)
@@ -109,6 +107,10 @@ class Odometry:
                 " events; is the calibration that of this recording, are left and right swapped?"
             )
         return trajectory
+
+    def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
+        """Cut a stream into clusters, each to be processed before the next one is taken."""
+        return self._staged("events and clustering", self._front_end.clusters(batches))
 
     def process(self, cluster: StereoCluster) -> ClusterReport:
         """Estimate the motion during one more cluster, the next in time."""

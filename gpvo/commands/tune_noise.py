@@ -17,9 +17,8 @@ from gpvo.commands.inputs import (
     configured,
     load_ground_truth,
 )
-from gpvo.config import Configuration, NoiseConfig
+from gpvo.config import Configuration, NoiseConfig, in_tracked_pixels
 from gpvo.estimator.noise_learning import states_of_poses, tuned_noise
-from gpvo.events import cluster_events
 from gpvo.front_end import FrontEnd
 from gpvo.recordings import Recording, open_recording
 from gpvo.trajectory import StampedPoses
@@ -44,11 +43,12 @@ def tuned_on_recording(
     recording: Recording, truth: StampedPoses, configuration: Configuration
 ) -> NoiseConfig:
     """Noise parameters learned from a recording's inlier tracklets and its true poses."""
-    front_end, batches = FrontEnd(recording.rig, configuration), recording.event_batches()
-    clusters = cluster_events(batches, recording.rig, configuration.clustering)
+    front_end = FrontEnd(recording.rig, configuration)
+    clusters = front_end.clusters(recording.event_batches())
     measured = (front_end.process(cluster).measurements for cluster in clusters)
     t = np.asarray((truth.stamps_ns - recording.start_ns) * 1e-9, np.float64)
-    return tuned_noise(measured, states_of_poses(t, truth.T_world_cam), front_end.camera)
+    noise = tuned_noise(measured, states_of_poses(t, truth.T_world_cam), front_end.camera)
+    return in_tracked_pixels(noise, front_end.configuration)
 
 
 def noise_text(noise: NoiseConfig) -> str:

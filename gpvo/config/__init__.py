@@ -1,5 +1,7 @@
 """One configuration in the order of the stages, and the YAML file that it is read from."""
 
+from gpvo.config.automatic import for_camera, in_full_pixels, in_tracked_pixels
+from gpvo.config.presets import PRESETS
 from gpvo.config.stages import (
     ClusteringConfig,
     Configuration,
@@ -15,6 +17,7 @@ from gpvo.config.stages import (
 from gpvo.config.yaml_file import configuration_text, load_configuration, load_fields
 
 __all__ = [
+    "PRESETS",
     "ClusteringConfig",
     "Configuration",
     "EstimatorConfig",
@@ -26,6 +29,9 @@ __all__ = [
     "TrackletConfig",
     "Viso2Config",
     "configuration_text",
+    "for_camera",
+    "in_full_pixels",
+    "in_tracked_pixels",
     "load_configuration",
     "load_fields",
 ]

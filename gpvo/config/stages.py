@@ -1,10 +1,12 @@
-"""Configuration of every stage; the defaults are the paper's values where it gives them."""
+"""Configuration of every stage; `preset: paper` has the paper's values."""
 
 from __future__ import annotations
 
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from gpvo.config.presets import PRESETS, with_preset
 
 
 class StageConfig(BaseModel):
@@ -17,27 +19,34 @@ class ClusteringConfig(StageConfig):
     """Section III-A.1: when a cluster of events ends."""
 
     window: float = Field(0.1, gt=0, description="Longest duration of a cluster, seconds.")
-    max_events: int = Field(
-        20_000, gt=0, description="Events of either camera that end a cluster early."
+    motion: float = Field(
+        2.2,
+        gt=0,
+        description="Image motion of the slower features during a cluster, tracked pixels.",
     )
-    max_thickness: float = Field(
-        0.0,
-        ge=0,
-        description="Thickness of contours, the way that they have moved, that ends a cluster "
-        "early, pixels, such as 2.5: twice the area over the perimeter of the pixels with an "
-        "event. 0 looks at time and count alone.",
+    max_events: int | None = Field(
+        None,
+        gt=0,
+        description="Events of either camera that end a cluster early, instead of the motion: the "
+        "paper's way, which fits one sensor and one scene. null for the motion.",
     )
-    background_filter: float = Field(
-        0.0,
+    skip_flashes: bool = Field(
+        True,
+        description="Leave out stretches in which all pixels fire at once, such as when a lamp is "
+        "switched.",
+    )
+    background_filter: float | None = Field(
+        None,
         ge=0,
         description="Drop events without another one in the pixels around within this time before, "
-        "seconds, such as 0.02; 0 keeps all.",
+        "seconds; 0 keeps all, null finds the time from the background activity while the stream "
+        "runs, and leaves a clean stream alone.",
     )
     hot_pixel_ratio: float = Field(
-        0.0,
+        10.0,
         ge=0,
-        description="Drop events of pixels that had more events than this many times those of the "
-        "pixels around them, such as 10; 0 keeps all.",
+        description="Drop events of pixels that had more recent events than this many times those "
+        "of the pixels around them; 0 keeps all.",
     )
 
 
@@ -169,11 +178,12 @@ class TrackingConfig(StageConfig):
         description="How features are matched: by the patch around them (Lucas-Kanade), or by "
         "LIBVISO2's descriptors, the paper's choice.",
     )
-    resolutions: tuple[Literal[1, 2], ...] = Field(
-        (1,),
+    resolutions: tuple[Literal[1, 2], ...] | None = Field(
+        None,
         min_length=1,
-        description="Image resolutions that are tracked independently: 1 full, 2 half. The paper "
-        "takes both; with patches the half one costs twice the time and gains nothing.",
+        description="Image resolutions that are tracked independently: 1 full, 2 half; null for "
+        "the full one up to 640 x 480 and the half one of larger sensors. The paper takes both. "
+        "The pixels of the finest are the tracked pixels that other fields speak of.",
     )
     image: Literal["binary", "time_surface", "motion_compensated"] = Field(
         "motion_compensated",
@@ -200,6 +210,11 @@ class TrackingConfig(StageConfig):
             )
         return values
 
+    @property
+    def pixel(self) -> int:
+        """Side of a tracked pixel, pixels of the sensor."""
+        return min(self.resolutions or (1,))
+
 
 class TrackletConfig(StageConfig):
     """Section III-A.2: measurement times and the four filters."""
@@ -207,15 +222,21 @@ class TrackletConfig(StageConfig):
     time_radius: float = Field(
         15.0,
         ge=0,
-        description="A feature's time is the mean of the SAE within this radius, pixels: the patch "
-        "that is tracked. 0 takes the nearest event's time alone, as the paper does.",
+        description="A feature's time is the mean of the SAE within this radius, tracked pixels: "
+        "the patch that is tracked. 0 takes the nearest event's time alone, as the paper does.",
     )
     max_stereo_time_difference: float = Field(
         0.020, gt=0, description="Largest time difference between left and right, seconds."
     )
-    min_disparity: float = Field(2.0, ge=0, description="Smallest disparity, pixels.")
-    min_length: float = Field(2.0, ge=0, description="Smallest image motion, pixels.")
+    min_disparity: float = Field(2.0, ge=0, description="Smallest disparity, tracked pixels.")
+    min_length: float = Field(2.0, ge=0, description="Smallest image motion, tracked pixels.")
     min_duration: float = Field(0.040, ge=0, description="Shortest duration, seconds.")
+    rest_duration: float = Field(
+        0.4,
+        ge=0,
+        description="Duration from which a tracklet passes however short it is, seconds: the "
+        "camera hardly moves; 0 for never, as in the paper.",
+    )
     history: int = Field(
         10,
         ge=2,
@@ -235,7 +256,7 @@ class McRansacConfig(StageConfig):
     pixel_threshold: float = Field(
         1.5,
         ge=0,
-        description="Errors up to this are inliers however short the segment, pixels; "
+        description="Errors up to this are inliers however short the segment, tracked pixels; "
         "0 for the paper's rule.",
     )
     span: int = Field(
@@ -279,16 +300,16 @@ class NoiseConfig(StageConfig):
     )
     measurement_information: Vector3 = Field(
         (13.0, 13.0, 22.0),
-        description="Diagonal of R^-1, the inverse covariance of (u_left, v, disparity), pixel^-2: "
-        "what `gpvo tune-noise` learns of patches on motion-compensated images. The paper's "
-        "features have (0.5, 0.5, 0.1).",
+        description="Diagonal of R^-1, the inverse covariance of (u_left, v, disparity), tracked "
+        "pixel^-2: what `gpvo tune-noise` learns of patches on motion-compensated images. The "
+        "paper's features have (0.5, 0.5, 0.1).",
     )
     track_drift: float = Field(
         0.25,
         ge=0,
-        description="Random walk of a tracked point on its landmark, pixels per root second: what "
-        "a landmark was measured at before the window counts as much less certain. 0 takes it for "
-        "a point, as the paper does.",
+        description="Random walk of a tracked point on its landmark, tracked pixels per root "
+        "second: what a landmark was measured at before the window counts as much less certain. 0 "
+        "takes it for a point, as the paper does.",
     )
     initial_velocity: float = Field(
         1.0, gt=0, description="Standard deviation of the first velocity, rad/s and m/s."
@@ -360,6 +381,11 @@ class EstimatorConfig(StageConfig):
 class Configuration(StageConfig):
     """All stages, in the order of the flow."""
 
+    preset: Literal["auto", "paper"] = Field(
+        "auto",
+        description="Values of what is not given: auto for any camera and light, paper for those "
+        "and the ways of the paper.",
+    )
     clustering: ClusteringConfig = ClusteringConfig()
     tracking: TrackingConfig = TrackingConfig()
     tracklets: TrackletConfig = TrackletConfig()
@@ -367,3 +393,16 @@ class Configuration(StageConfig):
     noise: NoiseConfig = NoiseConfig()
     estimator: EstimatorConfig = EstimatorConfig()
     seed: int = Field(0, ge=0, description="Seed of all random choices.")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_in_preset(cls, values: Any) -> Any:
+        """Add the preset's values, where none are given."""
+        preset = values.get("preset") if isinstance(values, dict) else None
+        if not isinstance(preset, str) or preset not in PRESETS:
+            return values
+        given = {
+            name: value.model_dump(exclude_unset=True) if isinstance(value, StageConfig) else value
+            for name, value in values.items()
+        }
+        return with_preset(given, PRESETS[preset])

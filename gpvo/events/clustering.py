@@ -6,7 +6,7 @@ Section III-A.1 of the paper.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from gpvo.array_table import ArrayTable
 from gpvo.config import ClusteringConfig
-from gpvo.events.contours import events_until_thick
+from gpvo.events.cluster_length import ClusterLength
+from gpvo.events.flashes import FlashDetector
 from gpvo.events.noise_filter import EventFilter
-from gpvo.recordings import Events, StereoEvents, StereoRig
+from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +57,31 @@ class ClusterEvents:
         Number of events in the cluster, including those that rectify to outside the image.
     events
         Function that returns the rectified events, for trackers that process them one by one.
+    noise_rate
+        Background activity of the sensor, events per pixel and second; 0 before it is known.
+    noise_count
+        Expected number of events among them that are background activity.
+    left_out
+        Numbers of events that the noise filter left out since the cluster before: background
+        activity, of hot pixels.
     """
 
     surface_of_active_events: NDArray[np.float64]
     event_count: int
     events: Callable[[], RectifiedEvents] = RectifiedEvents.empty
+    noise_rate: float = 0.0
+    noise_count: float = 0.0
+    left_out: tuple[int, int] = (0, 0)
+
+    @property
+    def contour_count(self) -> float:
+        """Estimated number of events of contours that moved."""
+        return max(0.0, self.event_count - self.noise_count)
+
+    @property
+    def coverage(self) -> float:
+        """Share of the pixels with an event, from 0 to 1."""
+        return float(np.isfinite(self.surface_of_active_events).mean())
 
     @property
     def binary_frame(self) -> NDArray[np.uint8]:
@@ -79,68 +100,108 @@ class ClusterEvents:
 
 @dataclass(frozen=True, eq=False)
 class StereoCluster:
-    """Left and right events of the same interval [start, stop), in seconds."""
+    """Left and right events of the same interval [start, stop), in seconds.
+
+    `flash` is the time before `start` that was left out because of a flash, seconds.
+    """
 
     start: float
     stop: float
     left: ClusterEvents
     right: ClusterEvents
+    flash: float = 0.0
 
 
 def cluster_events(
-    batches: Iterable[StereoEvents], rig: StereoRig, config: ClusteringConfig
+    batches: Iterable[StereoEvents],
+    rig: StereoRig,
+    config: ClusteringConfig,
+    image_speed: Callable[[], float | None] = lambda: None,
 ) -> Iterator[StereoCluster]:
     """Cut a stereo event stream into clusters.
 
-    A cluster ends after `config.window` seconds, or as soon as either camera has
-    `config.max_events` events or contours `config.max_thickness` pixels thick. The last cluster is
-    dropped if the stream fills less than half of it.
+    A cluster ends after `config.window` seconds, or as soon as either camera has too many events;
+    see `ClusterLength`. `image_speed` returns that of the features in the clusters so far, tracked
+    pixels/s, None if it is unknown. Flashes are left out. The last cluster is dropped if the stream
+    fills less than half of it.
     """
-
-    def cluster(start: float, stop: float) -> StereoCluster:
-        images = [
-            rectified_cluster(events.between(start, stop), table, rig.resolution)
-            for events, table in zip((left, right), rig.tables, strict=True)
-        ]
-        return StereoCluster(start, stop, *images)
-
-    left, right = Events.empty(), Events.empty()
-    filter_left = EventFilter(rig.left.resolution, config)
-    filter_right = EventFilter(rig.right.resolution, config)
+    length, flashes, flash = ClusterLength(config, rig), FlashDetector(), 0.0
+    sides = [
+        _PendingEvents(camera, table, rig.resolution, config)
+        for camera, table in zip((rig.left, rig.right), rig.tables, strict=True)
+    ]
     start = end = None
     for batch in batches:
         start, end = batch.start if start is None else start, batch.stop
-        left = Events.concatenate([left, filter_left(batch.left)])
-        right = Events.concatenate([right, filter_right(batch.right)])
-        while (stop := _cluster_end((left, right), rig, start, config)) <= batch.stop:
-            yield cluster(start, stop)
-            left, right = left.between(stop, np.inf), right.between(stop, np.inf)
+        for side, events in zip(sides, (batch.left, batch.right), strict=True):
+            side.add(events)
+        while True:
+            duration, limit = length.limits(image_speed())
+            stop = min(start + duration, *(side.full_at(limit) for side in sides))
+            if stop > end:
+                break
+            left, right = (side.take(start, stop) for side in sides)
+            if config.skip_flashes and flashes.is_flash(
+                stop - start, max(left.coverage, right.coverage)
+            ):
+                flash += stop - start
+            else:
+                length.add(max(left.event_count, right.event_count))
+                yield StereoCluster(start, stop, left, right, flash)
+                flash = 0.0
             start = stop
     if start is None or end is None:
         return
-    filled_by_time = (end - start) / config.window
-    filled_by_events = max(len(left), len(right)) / config.max_events
-    if max(filled_by_time, filled_by_events) >= 0.5:
-        yield cluster(start, end)
+    duration, limit = length.limits(image_speed())
+    if max((end - start) / duration, *(len(side) / limit for side in sides)) >= 0.5:
+        left, right = (side.take(start, end) for side in sides)
+        yield StereoCluster(start, end, left, right, flash)
 
 
-def _cluster_end(
-    sides: tuple[Events, Events], rig: StereoRig, start: float, config: ClusteringConfig
-) -> float:
-    """Return the end of the cluster that begins at `start`, in seconds.
+class _PendingEvents:
+    """Filtered events of one camera since the latest cluster."""
 
-    If events fill the cluster before its window ends, it ends just after the event that fills it.
-    """
-    stop = start + config.window
-    for events, camera in zip(sides, (rig.left, rig.right), strict=True):
-        full = config.max_events
-        if config.max_thickness > 0:
-            first = events[:full]
-            thick = events_until_thick(first.x, first.y, camera.resolution, config.max_thickness)
-            full = min(full, thick)
-        if len(events) >= full:
-            stop = min(stop, float(np.nextafter(events.t[full - 1], np.inf)))
-    return stop
+    def __init__(
+        self,
+        camera: Camera,
+        table: NDArray[np.float32],
+        resolution: tuple[int, int],
+        config: ClusteringConfig,
+    ) -> None:
+        self._table, self._resolution = table, resolution
+        self._filter = EventFilter(camera.resolution, config)
+        self._pixels = camera.resolution[0] * camera.resolution[1]
+        self._left_out = np.zeros(2, np.int64)
+        self._events = Events.empty()
+
+    def __len__(self) -> int:
+        return len(self._events)
+
+    def add(self, events: Events) -> None:
+        """Add the next events of the stream."""
+        self._events = Events.concatenate([self._events, self._filter(events)])
+
+    def full_at(self, limit: int) -> float:
+        """Return the time just after so many events, seconds; inf if there are fewer."""
+        if len(self._events) < limit:
+            return np.inf
+        return float(np.nextafter(self._events.t[limit - 1], np.inf))
+
+    def take(self, start: float, stop: float) -> ClusterEvents:
+        """Return the events before `stop`, seconds, as a cluster's, and keep the others."""
+        image = rectified_cluster(
+            self._events.between(-np.inf, stop), self._table, self._resolution
+        )
+        noise = self._filter.noise(start)
+        background, hot = (self._filter.dropped - self._left_out).tolist()
+        self._left_out[:] = self._filter.dropped
+        self._events = self._events.between(stop, np.inf)
+        return replace(
+            image,
+            noise_rate=noise.rate,
+            noise_count=noise.passing * self._pixels * (stop - start),
+            left_out=(background, hot),
+        )
 
 
 def rectified_cluster(

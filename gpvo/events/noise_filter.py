@@ -1,6 +1,16 @@
-"""Filters of single events before clustering: background activity and hot pixels."""
+"""Filters of single events before clustering: background activity and hot pixels.
+
+Events of contours come together; background activity, leak and shot noise, comes alone. An event is
+isolated if none of the eight pixels around it had one shortly before. Where no contour is, a sensor
+with r noise events per pixel and second has r exp(-8 r ISOLATED) isolated ones, which gives r while
+the stream runs.
+"""
 
 from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -9,41 +19,151 @@ from numpy.typing import NDArray
 from gpvo.config import ClusteringConfig
 from gpvo.recordings import Events
 
+ISOLATED = 0.005
+"""An event is isolated if the pixels around had none for this time before, seconds."""
+WINDOW = 0.1
+"""Time after which the noise rate is found again, and old counts of a pixel halve, seconds."""
+BLOCK = 16
+"""Side of the blocks of pixels whose isolated events are counted."""
+QUIET = 0.25
+"""Share of the blocks with events that are taken for noise alone, the quietest ones."""
+CLEAN = 0.75
+"""Noise rate below which a stream is left alone, events per pixel and second."""
+LET_THROUGH = 0.25
+"""Share of the background activity that may pass: 8 pixels have noise of their own."""
 LEAST_HOT = 20
-"""Number of events up to which a pixel is never judged hot."""
+"""Number of recent events up to which a pixel is never judged hot."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Background activity from a time on, events per pixel and second.
+
+    Attributes
+    ----------
+    begin
+        Seconds.
+    rate
+        All of it; 0 before it is known.
+    passing
+        What passes the filter, as an estimate; 0 for a clean stream.
+    """
+
+    begin: float
+    rate: float
+    passing: float
 
 
 class EventFilter:
     """Noise filter of one camera, which remembers its pixels between batches.
 
-    The filter of background activity is that of Delbruck, "Frame-free dynamic digital vision",
-    2008.
+    An event stays if one of the pixels around had one within a support time before (Delbruck,
+    "Frame-free dynamic digital vision", 2008). The time is set, or follows from the noise rate so
+    that the share 1 - exp(-8 rate time) = LET_THROUGH of the noise passes.
+
+    Attributes
+    ----------
+    dropped
+        Numbers of events that were left out: background activity, and of hot pixels.
     """
 
     def __init__(self, resolution: tuple[int, int], config: ClusteringConfig) -> None:
         width, height = resolution
         # A border of one pixel, so that every pixel has eight neighbours.
         self._latest = np.full((height + 2, width + 2), -np.inf)
-        self._count = np.zeros((height + 2, width + 2))
-        self._background = config.background_filter
+        self._count = np.zeros((height + 2, width + 2), np.float32)
+        self._isolated = np.zeros((height // BLOCK + 1, width // BLOCK + 1), np.int64)
+        self._seen = np.zeros_like(self._isolated)
+        rows, columns = map(_block_lengths, (height, width))
+        self._exposure = np.outer(rows, columns) * np.float64(WINDOW)
+        self._automatic = config.background_filter is None
+        self._support = config.background_filter or 0.0
         self._hot = config.hot_pixel_ratio
+        self._window: int | None = None
+        self._noise = deque([Noise(-np.inf, 0.0, 0.0)])
+        self.dropped = np.zeros(2, np.int64)
+
+    def noise(self, t: float) -> Noise:
+        """Return the background activity at a time, seconds, not before the one asked last."""
+        while len(self._noise) > 1 and self._noise[1].begin <= t:
+            self._noise.popleft()
+        return self._noise[0]
 
     def __call__(self, events: Events) -> Events:
         """Return the events that are not noise."""
-        if self._background == 0 and self._hot == 0:
+        if not self._automatic and self._support == 0 and self._hot == 0:
             return events
         keep = np.empty(len(events), np.bool_)
+        windows = np.floor_divide(events.t, WINDOW).astype(np.int64)
+        borders = np.flatnonzero(np.diff(windows, prepend=windows[:1])).tolist()
+        for first, last in pairwise([0, *borders, len(events)]):
+            if last > first:
+                self._begin(int(windows[first]))
+                self._judge(events[first:last], keep[first:last])
+        return events if keep.all() else events[keep]
+
+    def _begin(self, window: int) -> None:
+        """Find the noise rate of the window that ended, if another one begins."""
+        if self._window is not None and window != self._window:
+            rate, before = (
+                noise_rate(self._isolated, self._seen, self._exposure),
+                self._noise[-1],
+            )
+            if np.isfinite(before.begin):
+                rate = 0.7 * before.rate + 0.3 * rate
+            noisy = rate >= CLEAN
+            if self._automatic:
+                self._support = support_time(rate) if noisy else 0.0
+            share = 1 - np.exp(-8 * rate * self._support) if self._support > 0 else 1.0
+            self._noise.append(Noise(window * WINDOW, rate, rate * share if noisy else 0.0))
+            self._isolated[:], self._seen[:] = 0, 0
+            self._count *= np.float32(0.5)
+        self._window = window
+
+    def _judge(self, events: Events, keep: NDArray[np.bool_]) -> None:
+        """Write which of the events (N,) of one window are kept."""
         _judge(
             events.x,
             events.y,
             events.t,
             self._latest,
             self._count,
-            self._background,
+            self._isolated,
+            self._seen,
+            self._support,
             self._hot,
             keep,
+            self.dropped,
         )
-        return events[keep]
+
+
+def support_time(rate: float) -> float:
+    """Return the time in which a neighbour must have fired, seconds, at a noise rate."""
+    return float(-np.log(1 - LET_THROUGH) / (8 * rate))
+
+
+def _block_lengths(length: int) -> NDArray[np.int64]:
+    """Return the sides of the blocks along an image's side, pixels; the last may be short."""
+    return np.clip(length - BLOCK * np.arange(length // BLOCK + 1), 0, BLOCK)
+
+
+def noise_rate(
+    isolated: NDArray[np.int64], seen: NDArray[np.int64], exposure: NDArray[np.float64]
+) -> float:
+    """Estimate the background activity, events per pixel and second.
+
+    `isolated` and `seen` are numbers of isolated and of all events, block by block; `exposure` is
+    the blocks' number of pixels times the time, seconds. Of small blocks at the border too few
+    events come to tell a rate.
+    """
+    active = (seen > 0) & (exposure >= exposure.max() / 2)
+    rates = np.sort(isolated[active] / exposure[active])
+    if len(rates) == 0:
+        return 0.0
+    rate = least = rates[int(QUIET * (len(rates) - 1))]
+    for _ in range(10):  # rate exp(-8 rate ISOLATED) = least, for rates up to 1 / (8 ISOLATED)
+        rate = min(least * np.exp(8 * rate * ISOLATED), 1 / (8 * ISOLATED))
+    return float(rate)
 
 
 @njit(cache=True, nogil=True)
@@ -52,21 +172,34 @@ def _judge(
     y: NDArray[np.uint16],
     t: NDArray[np.float64],
     latest: NDArray[np.float64],
-    count: NDArray[np.float64],
-    background: float,
+    count: NDArray[np.float32],
+    isolated: NDArray[np.int64],
+    seen: NDArray[np.int64],
+    support: float,
     hot: float,
     keep: NDArray[np.bool_],
+    dropped: NDArray[np.int64],
 ) -> None:
     for i in range(len(t)):
         row, column = int(y[i]) + 1, int(x[i]) + 1
-        newest, around = -np.inf, 0.0
+        count[row, column] += 1
+        if hot > 0 and count[row, column] > LEAST_HOT and _is_hot(count, row, column, hot):
+            keep[i] = False
+            dropped[1] += 1
+            continue
+        latest[row, column] = newest = -np.inf
         for v in range(row - 1, row + 2):
             for u in range(column - 1, column + 2):
-                if v != row or u != column:
-                    newest = max(newest, latest[v, u])
-                    around += count[v, u]
+                newest = max(newest, latest[v, u])
         latest[row, column] = t[i]
-        count[row, column] += 1
-        keep[i] = background == 0 or t[i] - newest <= background
-        if hot > 0 and count[row, column] > LEAST_HOT:
-            keep[i] &= count[row, column] <= hot * (around / 8 + 1)
+        seen[y[i] // BLOCK, x[i] // BLOCK] += 1
+        isolated[y[i] // BLOCK, x[i] // BLOCK] += t[i] - newest > ISOLATED
+        keep[i] = support == 0 or t[i] - newest <= support
+        dropped[0] += not keep[i]
+
+
+@njit(cache=True, nogil=True)
+def _is_hot(count: NDArray[np.float32], row: int, column: int, ratio: float) -> bool:
+    """Compare a pixel's recent events with those of the eight pixels around it."""
+    around = count[row - 1 : row + 2, column - 1 : column + 2].sum() - count[row, column]
+    return bool(count[row, column] > ratio * (around / 8 + 1))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gpvo.config.stages import CompensationConfig
 from gpvo.events import RectifiedEvents, StereoCluster
 from gpvo.tracking.observations import Observations
+from gpvo.tracking.resolutions import from_full_resolution
 
 Array = NDArray[np.float64]
 Flow = NDArray[np.float32]
@@ -28,6 +29,10 @@ CELL = 8
 """Side of the cells of averaged image motion, pixels; motion is interpolated between cells."""
 PULL = 0.05
 """Weight of the median motion, where a feature at the centre of a cell has the weight 1."""
+STILL = 0.05
+"""Share of a full cluster's events below which nothing moved: a tenth of a pixel."""
+USUAL = 20
+"""Number of latest clusters with motion; the fullest of them is full."""
 LEAST_FEATURES = 8
 """Number of features below which the image motion is unknown."""
 
@@ -60,6 +65,12 @@ class CompensatedImage:
         _splat(events.points, events.t - reference, flow, count, delay)
         return CompensatedImage(reference, flow, count, delay)
 
+    def held(self, reference: float) -> CompensatedImage:
+        """Return the same image at a later time, when nothing has moved."""
+        return CompensatedImage(
+            reference, np.zeros_like(self.flow), self.count, np.zeros_like(self.delay)
+        )
+
     @property
     def picture(self) -> NDArray[np.uint8]:
         """Image (height, width) 255 (1 - exp(-count))."""
@@ -81,25 +92,48 @@ class CompensatedImage:
 class MotionCompensation:
     """Pictures of clusters, compensated by the image motion of the features tracked in them.
 
-    `frames` is the number of latest clusters to which observations may belong.
+    Where (almost) no event came nothing moved: such a cluster has the pictures before it, at its
+    own time, so that features are seen at rest.
+
+    `frames` is the number of latest clusters to which observations may belong. Pixels of the
+    pictures are `side` pixels of the events wide; all positions are pixels of the pictures.
     """
 
-    def __init__(self, config: CompensationConfig, frames: int) -> None:
-        self._config = config
+    def __init__(self, config: CompensationConfig, frames: int, side: int = 1) -> None:
+        self._config, self._side = config, side
         self._images: deque[tuple[CompensatedImage, CompensatedImage]] = deque(maxlen=frames)
         self._frame_count = 0
         self._recent: Observations | None = None
+        self._full_count: deque[float] = deque(maxlen=USUAL)
 
     def pictures(self, cluster: StereoCluster) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Make the left and right picture of a new cluster at the middle of its interval."""
         middle = 0.5 * (cluster.start + cluster.stop)
-        left, right = (
-            CompensatedImage.of_events(image.events(), flow, middle)
-            for image, flow in zip((cluster.left, cluster.right), self._flows(cluster), strict=True)
-        )
+        if self._images and self._is_still(cluster):
+            left, right = (image.held(middle) for image in self._images[-1])
+        else:
+            left, right = (
+                CompensatedImage.of_events(self._scaled(image.events()), flow, middle)
+                for image, flow in zip(
+                    (cluster.left, cluster.right), self._flows(cluster), strict=True
+                )
+            )
         self._images.append((left, right))
         self._frame_count += 1
         return left.picture, right.picture
+
+    def _scaled(self, events: RectifiedEvents) -> RectifiedEvents:
+        if self._side == 1:
+            return events
+        return replace(events, points=from_full_resolution(events.points, self._side))
+
+    def _is_still(self, cluster: StereoCluster) -> bool:
+        """Compare the events of both cameras with those of recent clusters."""
+        count = cluster.left.contour_count + cluster.right.contour_count
+        still = len(self._full_count) > 0 and count < STILL * np.max(self._full_count)
+        if not still:
+            self._full_count.append(count)
+        return bool(still)
 
     def timed(self, seen: Observations) -> Observations:
         """Move observations from the pictures to the mean times of their events; add the times.
@@ -122,7 +156,8 @@ class MotionCompensation:
 
     def _flows(self, cluster: StereoCluster) -> tuple[Flow, Flow]:
         """Estimate left and right image motion between the two latest clusters; 0 if unknown."""
-        shape = cluster.left.surface_of_active_events.shape
+        height, width = cluster.left.surface_of_active_events.shape
+        shape = height // self._side, width // self._side
         nothing: Flow = np.zeros((*shape, 2), np.float32)
         if self._recent is None or len(self._images) < 2:
             return nothing, nothing
@@ -166,7 +201,7 @@ def _splat(points: Array, delays: Array, flow: Flow, count: Array, delay: Array)
     height, width = count.shape
     for i in range(len(delays)):
         u, v = points[i]
-        motion = flow[int(np.rint(v)), int(np.rint(u))]
+        motion = flow[min(int(np.rint(v)), height - 1), min(int(np.rint(u)), width - 1)]
         u, v = u - delays[i] * motion[0], v - delays[i] * motion[1]
         if not (0 <= u < width - 1 and 0 <= v < height - 1):
             continue

@@ -5,7 +5,6 @@ Section III-A.2 of the paper: any feature detector and tracker can be used.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -18,6 +17,7 @@ from gpvo.tracking.features import half_resolution
 from gpvo.tracking.klt import KltTracker
 from gpvo.tracking.motion_compensation import MotionCompensation
 from gpvo.tracking.observations import Observations
+from gpvo.tracking.resolutions import to_full_resolution
 from gpvo.tracking.viso2 import Viso2Tracker
 
 StereoImage = tuple[NDArray[np.uint8], NDArray[np.uint8]]
@@ -54,43 +54,47 @@ class MultiResolutionTracker:
     """
 
     def __init__(self, config: TrackingConfig) -> None:
-        make = KltTracker if config.tracker == "klt" else Viso2Tracker
-        self._image = config.image
-        self._compensation = MotionCompensation(config.compensation, config.earlier_frames + 1)
-        self._resolutions = config.resolutions
-        self._trackers: Sequence[ImageTracker] = [make(config) for _ in config.resolutions]
+        self._trackers = [_ResolutionTracker(config, side) for side in config.resolutions or (1,)]
 
     def track(self, cluster: StereoCluster) -> Observations:
         """Return the observations that a new cluster adds."""
-        full = self._images(cluster)
-        parts = []
-        for index, (resolution, tracker) in enumerate(
-            zip(self._resolutions, self._trackers, strict=True)
-        ):
-            left, right = full if resolution == 1 else map(half_resolution, full)
-            found = tracker.track(left, right)
-            parts.append(
-                replace(
-                    found,
-                    landmark=found.landmark * len(self._trackers) + index,
-                    left=to_full_resolution(found.left, resolution),
-                    right=to_full_resolution(found.right, resolution),
-                )
-            )
-        seen = Observations.concatenate(parts)
-        return self._compensation.timed(seen) if self._image == "motion_compensated" else seen
+        parts = [tracker.track(cluster) for tracker in self._trackers]
+        return Observations.concatenate(
+            replace(found, landmark=found.landmark * len(parts) + index)
+            for index, found in enumerate(parts)
+        )
+
+
+class _ResolutionTracker:
+    """Image tracker at one resolution; its pixels are `side` full pixels wide."""
+
+    def __init__(self, config: TrackingConfig, side: int) -> None:
+        self._side, self._image = side, config.image
+        self._tracker: ImageTracker = (
+            KltTracker(config) if config.tracker == "klt" else Viso2Tracker(config)
+        )
+        self._compensation = MotionCompensation(
+            config.compensation, config.earlier_frames + 1, side
+        )
+
+    def track(self, cluster: StereoCluster) -> Observations:
+        """Return the observations that a new cluster adds, full-resolution pixels."""
+        seen = self._tracker.track(*self._images(cluster))
+        if self._image == "motion_compensated":
+            seen = self._compensation.timed(seen)
+        return replace(
+            seen,
+            left=to_full_resolution(seen.left, self._side),
+            right=to_full_resolution(seen.right, self._side),
+        )
 
     def _images(self, cluster: StereoCluster) -> StereoImage:
         if self._image == "motion_compensated":
             return self._compensation.pictures(cluster)
-        if self._image == "binary":
-            return cluster.left.binary_frame, cluster.right.binary_frame
         left, right = (
-            side.time_surface(cluster.start, cluster.stop) for side in (cluster.left, cluster.right)
+            side.binary_frame
+            if self._image == "binary"
+            else side.time_surface(cluster.start, cluster.stop)
+            for side in (cluster.left, cluster.right)
         )
-        return left, right
-
-
-def to_full_resolution(points: NDArray[np.float64], resolution: int) -> NDArray[np.float64]:
-    """Return the full-resolution position of pixels whose side is `resolution` full pixels."""
-    return points * resolution + (resolution - 1) / 2
+        return (left, right) if self._side == 1 else (half_resolution(left), half_resolution(right))

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 Surfaces = tuple[Array, Array]
 """Surfaces of active events, left and right."""
 
+LEAST_LANDMARKS = 8
+"""Number of landmarks below which the image speed is unknown."""
+
 
 class Tracklets:
     """Measurements of the latest clusters that passed the filters of single measurements."""
@@ -60,6 +63,23 @@ class Tracklets:
         moving = later.t[j] > earlier.t[i]
         return earlier[i[moving]], later[j[moving]]
 
+    def image_speed(self) -> float | None:
+        """Return the speed of the slow landmarks between the two newest clusters, pixels/s.
+
+        It is the lower quartile: far landmarks need time to show, while near ones rush by. None for
+        fewer than LEAST_LANDMARKS landmarks.
+        """
+        newest = self._cluster_count - 1
+        known = self._measurements
+        before, now = (known[known.frame == number] for number in (newest - 1, newest))
+        _, i, j = np.intersect1d(before.landmark, now.landmark, return_indices=True)
+        dt = now.t[j] - before.t[i]
+        i, j, dt = i[dt > 0], j[dt > 0], dt[dt > 0]
+        if len(dt) < LEAST_LANDMARKS:
+            return None
+        way = np.linalg.norm(now.stereo[j, :2] - before.stereo[i, :2], axis=1)
+        return float(np.percentile(way / dt, 25))
+
     def take(self, inliers: NDArray[np.int64]) -> Measurements:
         """Take the measurements of the landmarks `inliers` that were not taken before."""
         index = self._long_enough()
@@ -90,8 +110,11 @@ class Tracklets:
         )
         start, end = order[first], order[first + count - 1]
         motion = known.stereo[end, :2] - known.stereo[start, :2]
+        duration = known.t[end] - known.t[start]
         passed = np.linalg.norm(motion, axis=1) >= self._config.min_length
-        passed &= known.t[end] - known.t[start] >= self._config.min_duration
+        if self._config.rest_duration > 0:
+            passed |= duration >= self._config.rest_duration
+        passed &= duration >= self._config.min_duration
         return order[passed[tracklet]]
 
     def _measure(self, number: int, surfaces: Surfaces, observations: Observations) -> Measurements:

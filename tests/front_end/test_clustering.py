@@ -42,16 +42,25 @@ def event_batches(left: Events, right: Events, cuts: list[float]) -> list[Stereo
 
 
 def clusters(
-    left: Events, right: Events, cuts: list[float], config: ClusteringConfig
+    left: Events,
+    right: Events,
+    cuts: list[float],
+    config: ClusteringConfig,
+    image_speed: float | None = None,
 ) -> list[StereoCluster]:
-    return list(cluster_events(event_batches(left, right, cuts), RIG, config))
+    batches = event_batches(left, right, cuts)
+    return list(cluster_events(batches, RIG, config, lambda: image_speed))
 
 
 configs = st.builds(
     ClusteringConfig,
     window=st.sampled_from([0.02, 0.1, 0.3]),
     max_events=st.sampled_from([1, 7, 40, 10_000]),
+    skip_flashes=st.just(False),
+    background_filter=st.just(0.0),
+    hot_pixel_ratio=st.just(0.0),
 )
+speeds = st.sampled_from([None, 10.0, 60.0, 1000.0])
 cut_lists = st.lists(st.floats(0, 1), max_size=30)
 
 
@@ -90,25 +99,61 @@ def test_a_cluster_ends_by_time_or_by_the_count_of_either_camera(
         assert cluster.stop == min(by_count, by_time)
 
 
-@given(seeds, cut_lists, configs)
-@settings(deadline=None, max_examples=40)
+@given(seeds, cut_lists, configs | st.just(ClusteringConfig()), speeds)
+@settings(deadline=None, max_examples=60)
 def test_clusters_do_not_depend_on_the_batches(
-    seed: int, cuts: list[float], config: ClusteringConfig
+    seed: int, cuts: list[float], config: ClusteringConfig, image_speed: float | None
 ) -> None:
+    """Not of the noise filter's and the flash detector's judgement either."""
     left, right = random_stream(seed)
-    for a, b in zip(
-        clusters(left, right, [], config), clusters(left, right, cuts, config), strict=True
-    ):
-        assert (a.start, a.stop) == (b.start, b.stop)
+    whole, parts = (clusters(left, right, c, config, image_speed) for c in ([], cuts))
+    for a, b in zip(whole, parts, strict=True):
+        assert (a.start, a.stop, a.flash) == (b.start, b.stop, b.flash)
         for x, y in ((a.left, b.left), (a.right, b.right)):
             np.testing.assert_array_equal(x.surface_of_active_events, y.surface_of_active_events)
             assert x.event_count == y.event_count
+            assert x.contour_count == y.contour_count
+
+
+@given(seeds, cut_lists)
+@settings(deadline=None, max_examples=30)
+def test_every_event_is_in_a_cluster_or_left_out(seed: int, cuts: list[float]) -> None:
+    left, right = random_stream(seed)
+    config = ClusteringConfig(window=0.1, max_events=40, background_filter=0.02, skip_flashes=False)
+    found = clusters(left, right, cuts, config)
+    for name, events in (("left", left), ("right", right)):
+        shown = [getattr(cluster, name) for cluster in found]
+        kept = sum(image.event_count for image in shown)
+        left_out = sum(sum(image.left_out) for image in shown)
+        last = (events.t >= found[-1].stop).sum()  # less than half of a cluster is dropped
+        assert 0 <= len(events) - kept - left_out <= last
+
+
+def test_a_batch_may_be_as_long_as_the_stream() -> None:
+    """Noise is remembered until the cluster that it is in is taken."""
+    rng = np.random.default_rng(0)
+    t = np.sort(rng.uniform(0, 20, 8000))
+    x, y = rng.integers(0, WIDTH, len(t)), rng.integers(0, HEIGHT, len(t))
+    noise = Events(x.astype(np.uint16), y.astype(np.uint16), t, rng.random(len(t)) < 0.5)
+    one = [StereoEvents(0.0, 20.0, noise, noise)]
+    many = [
+        StereoEvents(a, a + 0.5, noise.between(a, a + 0.5), noise.between(a, a + 0.5))
+        for a in np.arange(0, 20, 0.5)
+    ]
+    config = ClusteringConfig(hot_pixel_ratio=0.0)
+    rates, again = (
+        [cluster.left.noise_rate for cluster in cluster_events(batches, RIG, config)]
+        for batches in (one, many)
+    )
+    assert rates[0] == 0 and rates == again
+    assert np.mean(rates[20:]) == pytest.approx(8000 / 20 / (WIDTH * HEIGHT), rel=0.1)
 
 
 @pytest.mark.parametrize(("window", "stops"), [(0.3, [0.3, 0.6, 0.9]), (0.65, [0.65, 1.0])])
 def test_a_last_window_less_than_half_full_is_dropped(window: float, stops: list[float]) -> None:
     left, right = random_stream(0)
     found = clusters(left, right, [], ClusteringConfig(window=window, max_events=10_000))
+    assert all(cluster.flash == 0 for cluster in found)
     assert [round(c.stop, 9) for c in found] == stops
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 
 from gpvo.config import ClusteringConfig
 from gpvo.events import ClusterEvents
-from gpvo.events.noise_filter import LEAST_HOT, EventFilter
+from gpvo.events.noise_filter import LEAST_HOT, LET_THROUGH, EventFilter
 from gpvo.recordings import Events
 
 WIDTH, HEIGHT = 12, 9
@@ -25,8 +27,34 @@ def random_events(seed: int, count: int = 300) -> Events:
     )
 
 
+OFF = {"background_filter": 0.0, "hot_pixel_ratio": 0.0}
+
+
 def filtered(events: Events, **fields: float) -> Events:
-    return EventFilter((WIDTH, HEIGHT), ClusteringConfig(**fields))(events)
+    config = ClusteringConfig.model_validate({**OFF, **fields})
+    return EventFilter((WIDTH, HEIGHT), config)(events)
+
+
+def poisson(rate: float, size: tuple[int, int], duration: float, seed: int = 0) -> Events:
+    """Make noise of a rate, events per pixel and second."""
+    rng = np.random.default_rng(seed)
+    count = rng.poisson(rate * size[0] * size[1] * duration)
+    x, y = (rng.integers(side, size=count).astype(np.uint16) for side in size)
+    return Events(x, y, np.sort(rng.uniform(0, duration, count)), rng.random(count) < 0.5)
+
+
+def edge(columns: int, rows: int, duration: float) -> Events:
+    """Make an upright edge that moves to and fro over columns, a column every 5 ms."""
+    step = np.arange(int(duration / 0.005))
+    column = np.abs(step % (2 * columns) - columns) % columns
+    t = np.repeat(0.005 * step, rows) + np.tile(1e-6 * np.arange(rows), len(step))
+    x, y = np.repeat(column, rows), np.tile(np.arange(rows), len(step))
+    return Events(x.astype(np.uint16), y.astype(np.uint16), t, np.ones(len(t), bool))
+
+
+def together(*parts: Events) -> Events:
+    events = Events.concatenate(parts)
+    return events[np.argsort(events.t, kind="stable")]
 
 
 @given(st.integers(0, 2**32), st.sampled_from([0.005, 0.02, 0.1]))
@@ -49,6 +77,7 @@ def test_batches_do_not_matter(seed: int, cut: int) -> None:
     events = random_events(seed)
     fields = {"background_filter": 0.05, "hot_pixel_ratio": 2}
     whole = filtered(events, **fields)
+    assert 0 < len(whole) < len(events)
     keep = EventFilter((WIDTH, HEIGHT), ClusteringConfig(**fields))
     parts = Events.concatenate([keep(events[:cut]), keep(events[cut:])])
     np.testing.assert_array_equal(parts.t, whole.t)
@@ -64,18 +93,73 @@ def test_hot_pixel_is_masked_and_no_other(pixel: tuple[int, int]) -> None:
         np.linspace(0, 1, 2000),
         np.ones(2000, bool),
     )
-    both = Events.concatenate([events, hot])
-    both = both[np.argsort(both.t, kind="stable")]
-    kept = filtered(both, hot_pixel_ratio=10)
+    kept = filtered(together(events, hot), hot_pixel_ratio=10)
     here = (kept.x == u) & (kept.y == v)
     away = ((events.x != u) | (events.y != v)).sum()
     assert LEAST_HOT <= here.sum() < 200
     assert (~here).sum() == away
 
 
+def test_hot_pixel_that_calms_down_is_forgotten() -> None:
+    """Of a pixel that is hot for a second, events a second and more later stay."""
+    size, calm = (32, 32), poisson(3.0, (32, 32), 4.0)
+    t = np.linspace(0, 1, 5000)
+    here = np.full(len(t), 16, np.uint16)
+    hot = Events(here, here, t, np.ones(len(t), bool))
+    config = ClusteringConfig.model_validate({**OFF, "hot_pixel_ratio": 10})
+    noise_filter = EventFilter(size, config)
+    kept = noise_filter(together(calm, hot))
+    assert len(kept.between(2.0, 4.0)) == len(calm.between(2.0, 4.0))
+    assert len(hot) - 1000 < noise_filter.dropped[1] < len(hot) + 20
+    assert noise_filter.dropped[0] == 0
+
+
 def test_without_filters_events_are_untouched() -> None:
     events = random_events(1)
     assert filtered(events) is events
+
+
+@given(st.integers(0, 2**32), st.lists(st.integers(0, 3000), max_size=5))
+@settings(deadline=None, max_examples=20)
+def test_clean_stream_is_left_alone(seed: int, cuts: list[int]) -> None:
+    size = (64, 48)
+    events = together(poisson(0.3, size, 2.0, seed), edge(20, 48, 2.0))
+    noise_filter = EventFilter(size, ClusteringConfig())
+    for first, last in pairwise([0, *sorted(cuts), len(events)]):
+        batch = events[first:last]
+        assert noise_filter(batch) is batch
+    assert noise_filter.dropped.sum() == 0
+    assert noise_filter.noise(2.0).passing == 0
+
+
+@pytest.mark.parametrize("size", [(96, 64), (240, 180), (346, 260)])
+@pytest.mark.parametrize("rate", [1.0, 3.0, 8.0])
+@pytest.mark.parametrize("moving", [False, True])
+def test_noise_rate_is_found_beside_moving_contours(
+    size: tuple[int, int], rate: float, moving: bool
+) -> None:
+    """The edge passes through half of the blocks."""
+    noise = poisson(rate, size, 3.0)
+    events = together(noise, edge(size[0] // 2, size[1], 3.0)) if moving else noise
+    noise_filter = EventFilter(size, ClusteringConfig())
+    kept = noise_filter(events)
+    found = noise_filter.noise(3.0)
+    assert found.rate == pytest.approx(rate, rel=0.2)
+    assert found.passing == pytest.approx(LET_THROUGH * found.rate)
+    if not moving:  # of noise alone, what passes is what was expected
+        share = len(kept.between(1.0, 3.0)) / len(noise.between(1.0, 3.0))
+        assert share == pytest.approx(LET_THROUGH, rel=0.2)
+        assert noise_filter.dropped.sum() == len(noise) - len(kept)
+
+
+def test_contours_stay_while_noise_goes() -> None:
+    size = (96, 64)
+    noise, contour = poisson(5.0, size, 3.0), edge(96, 64, 3.0)
+    kept = EventFilter(size, ClusteringConfig(hot_pixel_ratio=0))(together(noise, contour))
+    late = kept.between(1.0, 3.0)
+    of_contour = np.isin(late.t, contour.t).sum()
+    assert of_contour > 0.95 * len(contour.between(1.0, 3.0))
+    assert len(late) - of_contour < 0.4 * len(noise.between(1.0, 3.0))
 
 
 def test_time_surface_grows_with_the_time_of_the_latest_event() -> None:

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
-from gpvo.config import Configuration
+from gpvo.config import Configuration, in_full_pixels
 from gpvo.errors import InputError
 from gpvo.evaluation.front_end.truth import Truth
-from gpvo.events import StereoCluster, cluster_events
+from gpvo.events import StereoCluster
 from gpvo.front_end import FrontEnd
 from gpvo.mc_ransac import Segments, fast_mc_ransac, segments_between
 from gpvo.recordings import Recording
@@ -141,7 +141,7 @@ def inspect(
     inspector = _Inspector(recording, truth, configuration)
     batches = recording.event_batches(start, start + duration)
     clusters = []
-    for cluster in cluster_events(batches, recording.rig, configuration.clustering):
+    for cluster in inspector.front_end.clusters(batches):
         clusters.append(inspector.process(cluster))
         if progress is not None:
             progress(clusters[-1])
@@ -154,15 +154,15 @@ class _Inspector:
     """Front end, and the truth that it is compared with."""
 
     def __init__(self, recording: Recording, truth: Truth, configuration: Configuration) -> None:
-        self._front_end = FrontEnd(recording.rig, configuration)
+        self.front_end = FrontEnd(recording.rig, configuration)
         self._truth = truth
-        self._config = configuration.mc_ransac
+        self._config = in_full_pixels(self.front_end.configuration).mc_ransac
         self._known = np.empty(0, np.int64)
         self._frame = 0
 
     def process(self, cluster: StereoCluster) -> InspectedCluster:
-        rng = deepcopy(self._front_end.rng)
-        tracked = self._front_end.process(cluster)
+        rng = deepcopy(self.front_end.rng)
+        tracked = self.front_end.process(cluster)
         earlier, later, estimate = tracked.earlier, tracked.later, tracked.velocity_estimate
         features, quads = self._count(tracked.observations)
         return InspectedCluster(
@@ -171,7 +171,7 @@ class _Inspector:
             cluster.left.event_count + cluster.right.event_count,
             features,
             quads,
-            judge(earlier, later, tracked.inliers, self._truth, self._front_end.camera),
+            judge(earlier, later, tracked.inliers, self._truth, self.front_end.camera),
             self._true_twist(earlier, later),
             self._fast_twist(segments_between(earlier, later), rng),
             np.full(6, np.nan) if estimate is None else estimate.velocity,
@@ -182,7 +182,7 @@ class _Inspector:
         """Return the twist of the fast version alone, from the same samples as the whole."""
         if len(segments) < self._config.sample_size:
             return np.full(6, np.nan)
-        return fast_mc_ransac(segments, self._front_end.camera, self._config, rng)
+        return fast_mc_ransac(segments, self.front_end.camera, self._config, rng)
 
     def _count(self, observations: Observations) -> tuple[int, int]:
         """Count landmarks in the newest frame, and those of them that other frames have too."""

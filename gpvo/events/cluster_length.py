@@ -1,0 +1,47 @@
+"""Length of clusters: so long that contours move by the same distance, whatever the speed."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from gpvo.config import ClusteringConfig
+from gpvo.recordings import StereoRig
+
+FIRST = 0.2
+"""Events per pixel that end a cluster while the image motion is unknown."""
+LEAST = 0.05
+"""Events per pixel that a cluster may always have."""
+SURGE = 2.0
+"""Times the usual number of events that ends a cluster: the motion became faster meanwhile."""
+REMEMBERED = 10
+"""Number of latest clusters that say what is usual."""
+
+
+class ClusterLength:
+    """Limits of the next cluster by time and number of events.
+
+    The image motion of the latest features says how long contours take to move by `config.motion`.
+    Until it is known, and where it surges, the number of events ends a cluster.
+    """
+
+    def __init__(self, config: ClusteringConfig, rig: StereoRig) -> None:
+        width, height = rig.left.resolution
+        self._config, self._pixels = config, width * height
+        self._counts: deque[int] = deque(maxlen=REMEMBERED)
+
+    def limits(self, image_speed: float | None) -> tuple[float, int]:
+        """Return the longest duration, seconds, and the most events of either camera."""
+        config = self._config
+        if config.max_events is not None:
+            return config.window, config.max_events
+        if image_speed is None:
+            return config.window, round(FIRST * self._pixels)
+        usual = SURGE * float(np.median(self._counts)) if self._counts else 0.0
+        duration = min(config.window, config.motion / max(image_speed, 1e-9))
+        return duration, round(max(usual, LEAST * self._pixels))
+
+    def add(self, events: int) -> None:
+        """Remember the number of events of a cluster, in the camera that had more."""
+        self._counts.append(events)

@@ -1,0 +1,93 @@
+"""Values that follow from the camera: the resolution that is tracked, and the units of pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gpvo.config import (
+    Configuration,
+    NoiseConfig,
+    StageConfig,
+    for_camera,
+    in_full_pixels,
+    in_tracked_pixels,
+)
+from gpvo.front_end import FrontEnd
+from gpvo.simulation import SimulationConfig
+
+SIDES = {
+    (240, 180): (1,),
+    (346, 260): (1,),
+    (640, 480): (1,),
+    (1280, 720): (2,),
+}
+positive = st.floats(1e-3, 1e3)
+
+
+def tracked_at(*resolutions: int) -> Configuration:
+    return Configuration.model_validate({"tracking": {"resolutions": resolutions}})
+
+
+@pytest.mark.parametrize("size", SIDES)
+def test_large_sensors_are_tracked_at_half_their_resolution(size: tuple[int, int]) -> None:
+    found = for_camera(Configuration(), size)
+    assert found.tracking.resolutions == SIDES[size]
+    assert for_camera(found, size) == found
+    back = found.tracking.model_copy(update={"resolutions": None})
+    assert found.model_copy(update={"tracking": back}) == Configuration()
+
+
+@pytest.mark.parametrize("resolutions", [(1,), (2,), (1, 2)])
+@pytest.mark.parametrize("size", SIDES)
+def test_resolutions_that_are_set_stay(size: tuple[int, int], resolutions: tuple[int, ...]) -> None:
+    configuration = tracked_at(*resolutions)
+    assert for_camera(configuration, size) is configuration
+
+
+def changed(a: StageConfig, b: StageConfig, path: str = "") -> dict[str, float]:
+    """Return the fields that differ, and the ratios of their values."""
+    found: dict[str, float] = {}
+    for name in type(a).model_fields:
+        x, y = getattr(a, name), getattr(b, name)
+        if isinstance(x, StageConfig):
+            found |= changed(x, y, f"{path}{name}.")
+        elif x != y:
+            (ratio,) = set(np.divide(y, x).ravel().tolist())
+            found[path + name] = ratio
+    return found
+
+
+def test_lengths_of_the_sensor_are_twice_those_at_half_its_resolution() -> None:
+    configuration = tracked_at(2)
+    assert changed(configuration, in_full_pixels(configuration)) == {
+        "tracklets.time_radius": 2,
+        "tracklets.min_disparity": 2,
+        "tracklets.min_length": 2,
+        "mc_ransac.pixel_threshold": 2,
+        "noise.measurement_information": 1 / 4,
+        "noise.track_drift": 2,
+    }
+    for finest_is_full in (Configuration(), tracked_at(1), tracked_at(1, 2)):
+        assert in_full_pixels(finest_is_full) == finest_is_full
+
+
+@given(st.tuples(positive, positive, positive), positive, st.sampled_from([(1,), (2,), (2, 1)]))
+def test_noise_in_pixels_of_the_sensor_and_back(
+    information: tuple[float, float, float], drift: float, resolutions: tuple[int, ...]
+) -> None:
+    noise = NoiseConfig(measurement_information=information, track_drift=drift)
+    configuration = tracked_at(*resolutions).model_copy(update={"noise": noise})
+    assert in_tracked_pixels(in_full_pixels(configuration).noise, configuration) == noise
+
+
+def test_the_front_end_measures_in_pixels_of_the_sensor() -> None:
+    rig = SimulationConfig(resolution=(1280, 720)).rig
+    front_end = FrontEnd(rig, Configuration())
+    assert front_end.configuration == for_camera(Configuration(), (1280, 720))
+    assert front_end.noise == in_full_pixels(front_end.configuration).noise
+    deviation = 1 / np.sqrt(np.array(front_end.noise.measurement_information))
+    usual = 1 / np.sqrt(np.array(NoiseConfig().measurement_information))
+    np.testing.assert_allclose(deviation, 2 * usual)

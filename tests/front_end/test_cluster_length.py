@@ -1,0 +1,52 @@
+"""Clusters are as long as contours need to move by a distance, at any speed and on any sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gpvo.config import ClusteringConfig
+from gpvo.events.cluster_length import FIRST, LEAST, REMEMBERED, SURGE, ClusterLength
+from gpvo.recordings import Camera, StereoRig
+
+SIZES = [(240, 180), (346, 260), (1280, 720)]
+
+
+def length(size: tuple[int, int], **fields: float) -> ClusterLength:
+    camera = Camera(size, np.array([200.0, 200, 8, 6]), "none", np.zeros(4), np.eye(3))
+    rig = StereoRig(camera, camera, 200.0, (8.0, 6.0), 0.1)
+    return ClusterLength(ClusteringConfig.model_validate(fields), rig)
+
+
+@given(st.floats(0, 1e5), st.floats(0.5, 5), st.floats(0.01, 0.5))
+def test_contours_move_by_the_motion_within_a_cluster_up_to_its_longest_duration(
+    image_speed: float, motion: float, window: float
+) -> None:
+    duration, _ = length((240, 180), motion=motion, window=window).limits(image_speed)
+    assert duration * image_speed <= motion * (1 + 1e-12)
+    assert duration == window or duration * image_speed == pytest.approx(motion)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_events_end_a_cluster_while_the_speed_is_unknown(size: tuple[int, int]) -> None:
+    pixels = size[0] * size[1]
+    assert length(size).limits(None) == (0.1, round(FIRST * pixels))
+    assert length(size).limits(50.0)[1] == round(LEAST * pixels)
+
+
+def test_a_surge_of_events_ends_a_cluster() -> None:
+    known = length((240, 180))
+    for events in [*[10**6] * REMEMBERED, *[30_000] * REMEMBERED]:
+        known.add(events)
+    assert known.limits(50.0)[1] == SURGE * 30_000
+    known.add(10**9)  # one cluster does not say what is usual
+    assert known.limits(50.0)[1] == SURGE * 30_000
+
+
+@given(st.one_of(st.none(), st.floats(0, 1e5)))
+def test_a_number_of_events_that_is_set_is_the_only_one(image_speed: float | None) -> None:
+    fixed = length((240, 180), max_events=5000, window=0.2)
+    fixed.add(10**6)
+    assert fixed.limits(image_speed) == (0.2, 5000)
