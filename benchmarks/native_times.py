@@ -33,7 +33,7 @@ from gpvo.events import ClusterEvents, StereoCluster, cluster_events
 from gpvo.mc_ransac import Segments, VelocityFit, iterative_mc_ransac, mc_ransac, segments_between
 from gpvo.recordings import Recording
 from gpvo.simulation import SimulationConfig
-from gpvo.tracking import Observations, Tracklets, make_tracker
+from gpvo.tracking import MultiResolutionTracker, Observations, Tracklets
 from gpvo.trajectory import StampedPoses, Trajectory
 
 SIMULATIONS = {
@@ -43,6 +43,7 @@ SIMULATIONS = {
 INFORMATION = (10.0, 10.0, 10.0)
 """Inverse square of the 0.3 pixels that `gpvo inspect` finds."""
 BASE = {
+    "clustering": {"max_events": 20_000},  # the same clusters, whatever the variants make of them
     "estimator": {"state_interval": 0.01},
     "noise": {"measurement_information": INFORMATION},
     "tracking": {"image": "binary", "klt": {"max_features": 80}},
@@ -89,7 +90,7 @@ VARIANTS = (
 def track(known: KnownRecording, image: str) -> Tracked:
     """Clusters and what the tracker sees in their images, once for all variants."""
     config = Configuration.model_validate(BASE)
-    tracker = make_tracker(config.tracking.model_copy(update={"image": image}))
+    tracker = MultiResolutionTracker(config.tracking.model_copy(update={"image": image}))
     batches = known.recording.event_batches(known.start, known.start + known.duration)
     clusters = cluster_events(batches, known.recording.rig, config.clustering)
     return [(cluster, tracker.track(cluster)) for cluster in clusters]

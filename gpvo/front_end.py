@@ -15,7 +15,14 @@ from gpvo.config import Configuration, for_camera, in_full_pixels
 from gpvo.events import StereoCluster, cluster_events
 from gpvo.mc_ransac import VelocityFit, mc_ransac, segments_between
 from gpvo.recordings import StereoEvents, StereoRig
-from gpvo.tracking import Measurements, Observations, Tracker, Tracklets, make_tracker
+from gpvo.tracking import (
+    Measurements,
+    MultiResolutionTracker,
+    Observations,
+    Tracker,
+    TrackingReport,
+    Tracklets,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +33,10 @@ class TrackedCluster:
     ----------
     observations
         Stereo observations that the tracker added.
+    tracking
+        What the tracker says of the cluster; None if it says nothing.
+    out_of_bounds, too_short
+        Numbers of observations and of tracklets that the filters left out.
     earlier, later
         The ends of the N tracklets that reach into the cluster and pass the filters.
     velocity_estimate
@@ -37,6 +48,9 @@ class TrackedCluster:
     """
 
     observations: Observations
+    tracking: TrackingReport | None
+    out_of_bounds: int
+    too_short: int
     earlier: Measurements
     later: Measurements
     velocity_estimate: VelocityFit | None
@@ -79,7 +93,7 @@ class FrontEnd:
         self.rng = np.random.default_rng(full.seed)
         self._config = full.mc_ransac
         self._information = np.diag(full.noise.measurement_information)
-        self._tracker = make_tracker(full.tracking) if tracker is None else tracker
+        self._tracker = MultiResolutionTracker(full.tracking) if tracker is None else tracker
         self._tracklets = Tracklets(full.tracklets)
         self._tracked_pixel = full.tracking.pixel
         self._stage = stage
@@ -104,10 +118,26 @@ class FrontEnd:
         with self._stage("tracklets"):
             self._tracklets.add(cluster, observations)
             earlier, later = self._tracklets.pairs(self._config.span)
+            too_short = self._tracklets.too_short()
         with self._stage("outlier rejection"):
             segments = segments_between(earlier, later)
             estimate = mc_ransac(segments, self.camera, self._information, self._config, self.rng)
             inliers = np.zeros(len(later), bool) if estimate is None else estimate.inliers
             self._tracklets.reject(later.landmark[~inliers])
             measurements = self._tracklets.take(later.landmark[inliers])
-        return TrackedCluster(observations, earlier, later, estimate, inliers, measurements)
+        return TrackedCluster(
+            observations,
+            self._tracking_report(),
+            self._tracklets.out_of_bounds,
+            too_short,
+            earlier,
+            later,
+            estimate,
+            inliers,
+            measurements,
+        )
+
+    def _tracking_report(self) -> TrackingReport | None:
+        """Return what the tracker says of the latest cluster, which a user's own need not do."""
+        report = getattr(self._tracker, "report", None)
+        return report if isinstance(report, TrackingReport) else None

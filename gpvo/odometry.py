@@ -2,54 +2,29 @@
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 
+from gpvo.cluster_report import ClusterReport
 from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.estimator import Estimator, make_estimator, one_blas_thread
 from gpvo.events import StereoCluster
 from gpvo.front_end import FrontEnd
+from gpvo.lost_stage import EARLY, is_lost, lost_stage
 from gpvo.recordings import Recording, StereoEvents, StereoRig
 from gpvo.tracking import Tracker
 from gpvo.trajectory import Trajectory
 
+log = logging.getLogger("gpvo.odometry")
+
 T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class ClusterReport:
-    """What became of one cluster.
-
-    Attributes
-    ----------
-    start, stop
-        Seconds since the recording's start.
-    events
-        Events of both cameras.
-    observations
-        Stereo observations that the tracker added.
-    tracklets
-        Tracklets that reach into the cluster and pass the filters.
-    inliers
-        Those that MC-RANSAC's velocity explains.
-    measurements
-        Measurements given to the estimator.
-    """
-
-    start: float
-    stop: float
-    events: int
-    observations: int
-    tracklets: int
-    inliers: int
-    measurements: int
 
 
 class Odometry:
@@ -59,7 +34,8 @@ class Odometry:
     >>> trajectory = odometry.run(recording)
 
     `stage`, if given, is entered around every stage with the stage's name, to time it. `tracker`
-    and `estimator` take the place of those that the configuration names.
+    and `estimator` take the place of those that the configuration names. If most clusters of the
+    first two seconds have no inliers, a warning says where landmarks are lost.
     """
 
     def __init__(
@@ -72,6 +48,7 @@ class Odometry:
     ) -> None:
         self.reports: list[ClusterReport] = []
         self._stage = stage
+        self._is_early = True
         self._front_end = FrontEnd(rig, configuration or Configuration(), tracker, stage)
         self.configuration = self._front_end.configuration
         self.camera = self._front_end.camera
@@ -103,8 +80,7 @@ class Odometry:
         trajectory = self.trajectory(recording.start_ns)
         if trajectory is None:
             raise InputError(
-                f"{recording.path}: no landmark could be tracked in {len(self.reports)} clusters of"
-                " events; is the calibration that of this recording, are left and right swapped?"
+                f"{recording.path}: no landmark could be tracked: {lost_stage(self.reports)}"
             )
         return trajectory
 
@@ -121,18 +97,16 @@ class Odometry:
         tracked = self._front_end.process(cluster)
         with self._stage("estimation"):
             self.estimator.update(cluster.stop, tracked.measurements, tracked.velocity_estimate)
-        self.reports.append(
-            ClusterReport(
-                cluster.start,
-                cluster.stop,
-                cluster.left.event_count + cluster.right.event_count,
-                len(tracked.observations),
-                len(tracked.later),
-                int(tracked.inliers.sum()),
-                len(tracked.measurements),
-            )
-        )
+        self.reports.append(ClusterReport.of(cluster, tracked))
+        self._warn_if_lost()
         return self.reports[-1]
+
+    def _warn_if_lost(self) -> None:
+        """Say once, after the first two seconds, where landmarks are lost if most are."""
+        if self._is_early and self.reports[-1].stop - self.reports[0].start >= EARLY:
+            self._is_early = False
+            if is_lost(self.reports):
+                log.warning("%s", lost_stage(self.reports))
 
     def trajectory(self, start_ns: int = 0) -> Trajectory | None:
         """The trajectory so far; None before the first measurement."""

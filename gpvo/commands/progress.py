@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from gpvo.odometry import ClusterReport
+from gpvo.cluster_report import ClusterReport
 
 
 @contextmanager

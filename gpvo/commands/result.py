@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from gpvo.cluster_report import ClusterReport
 from gpvo.config import Configuration, configuration_text
 from gpvo.estimator import Diagnostic
 from gpvo.evaluation import Evaluation, evaluate
@@ -17,7 +18,6 @@ from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import COST_FILE
 from gpvo.evaluation.report.weak_stretches import weak_stretches
-from gpvo.odometry import ClusterReport
 from gpvo.trajectory import StampedPoses, Trajectory, write_tum
 
 FILES = (
@@ -66,6 +66,7 @@ class Result:
             "clusters": len(self.reports),
             "clusters_without_inliers": sum(report.inliers == 0 for report in self.reports),
             "events": sum(report.events for report in self.reports),
+            **self._left_out(),
             "measurements": sum(report.measurements for report in self.reports),
             "median_tracklets": float(np.median([report.tracklets for report in self.reports])),
             "median_inliers": float(np.median([report.inliers for report in self.reports])),
@@ -73,6 +74,24 @@ class Result:
         errors = None if self.evaluation is None else self.evaluation.to_dict()
         diagnostics = [diagnostic.to_dict() for diagnostic in self.diagnostics]
         return {"run": run, "errors": errors, "diagnostics": diagnostics}
+
+    def _left_out(self) -> dict[str, Any]:
+        """Return the numbers of noise, flashes and rest by name."""
+        reports = self.reports
+        durations = [report.stop - report.start for report in reports]
+        background, hot = np.sum([report.left_out for report in reports], axis=0).tolist()
+        all_events = sum(report.events for report in reports) + background + hot
+        noise_rates = [report.noise_rate for report in reports]
+        flashes = [report.flash for report in reports if report.flash > 0]
+        rests = [d for d, report in zip(durations, reports, strict=True) if report.at_rest]
+        return {
+            "background_left_out_percent": 100 * background / max(all_events, 1),
+            "hot_pixels_left_out_percent": 100 * hot / max(all_events, 1),
+            "background_activity": float(np.average(noise_rates, weights=durations)),
+            "flashes": len(flashes),
+            "flashes_s": float(sum(flashes)),
+            "at_rest_s": float(sum(rests)),
+        }
 
     def table(self) -> Table:
         """Return a table that summarises the run."""
@@ -84,6 +103,16 @@ class Result:
             "inlier tracklets per cluster": f"{run['median_inliers']:.0f} (median)",
             "states": f"{run['states']} from {run['start_s']:.3f} to {run['stop_s']:.3f} s",
         }
+        if run["background_left_out_percent"] + run["hot_pixels_left_out_percent"] > 0:
+            rows["noise left out"] = (
+                f"{run['background_left_out_percent']:.1f} % background activity"
+                f" ({run['background_activity']:.2f} events per pixel and s),"
+                f" {run['hot_pixels_left_out_percent']:.1f} % of hot pixels"
+            )
+        if run["flashes"] > 0:
+            rows["flashes left out"] = f"{run['flashes']}, {run['flashes_s']:.3f} s"
+        if run["at_rest_s"] > 0:
+            rows["at rest"] = f"{run['at_rest_s']:.2f} s"
         if self.diagnostics:
             rows["left out or rebuilt"] = f"{len(self.diagnostics)}, listed in metrics.json"
         table = Table(show_header=False)

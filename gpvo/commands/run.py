@@ -9,6 +9,7 @@ import numpy as np
 import typer
 from rich.console import Console
 
+from gpvo.cluster_report import ClusterReport
 from gpvo.commands.inputs import (
     Calibration,
     Config,
@@ -31,7 +32,7 @@ from gpvo.evaluation.report.paper_tables import evaluation_tables
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import CostMeter, cost_table, write_cost
 from gpvo.evaluation.report.table import to_rich
-from gpvo.odometry import ClusterReport, Odometry
+from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
 from gpvo.simulation import SimulationConfig, simulate
 from gpvo.trajectory import StampedPoses
@@ -102,7 +103,9 @@ def run_and_write(
     cost = meter.total(stop - start, events)
     evaluation = evaluate_trajectory(trajectory, truth) if truth else None
     diagnostics = odometry.estimator.diagnostics
-    result = Result(trajectory, odometry.reports, diagnostics, configuration, evaluation, truth)
+    result = Result(
+        trajectory, odometry.reports, diagnostics, odometry.configuration, evaluation, truth
+    )
     result.write(folder)
     write_cost(folder, cost)
     console.print(result.table())

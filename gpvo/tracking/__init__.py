@@ -2,14 +2,16 @@
 
 from gpvo.tracking.measurements import Measurements, seen_twice
 from gpvo.tracking.observations import Observations
-from gpvo.tracking.tracker import Tracker, make_tracker
+from gpvo.tracking.report import TrackingReport
+from gpvo.tracking.tracker import MultiResolutionTracker, Tracker
 from gpvo.tracking.tracklets import Tracklets
 
 __all__ = [
     "Measurements",
+    "MultiResolutionTracker",
     "Observations",
     "Tracker",
+    "TrackingReport",
     "Tracklets",
-    "make_tracker",
     "seen_twice",
 ]

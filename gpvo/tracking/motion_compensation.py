@@ -97,19 +97,22 @@ class MotionCompensation:
 
     `frames` is the number of latest clusters to which observations may belong. Pixels of the
     pictures are `side` pixels of the events wide; all positions are pixels of the pictures.
+    `at_rest` says whether nothing moved in the latest cluster.
     """
 
     def __init__(self, config: CompensationConfig, frames: int, side: int = 1) -> None:
         self._config, self._side = config, side
         self._images: deque[tuple[CompensatedImage, CompensatedImage]] = deque(maxlen=frames)
         self._frame_count = 0
+        self.at_rest = False
         self._recent: Observations | None = None
         self._full_count: deque[float] = deque(maxlen=USUAL)
 
     def pictures(self, cluster: StereoCluster) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Make the left and right picture of a new cluster at the middle of its interval."""
         middle = 0.5 * (cluster.start + cluster.stop)
-        if self._images and self._is_still(cluster):
+        self.at_rest = len(self._images) > 0 and self._is_still(cluster)
+        if self.at_rest:
             left, right = (image.held(middle) for image in self._images[-1])
         else:
             left, right = (

@@ -6,6 +6,8 @@ Section III-A.2 of the paper: any feature detector and tracker can be used.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import reduce
+from operator import add
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +19,7 @@ from gpvo.tracking.features import half_resolution
 from gpvo.tracking.klt import KltTracker
 from gpvo.tracking.motion_compensation import MotionCompensation
 from gpvo.tracking.observations import Observations
+from gpvo.tracking.report import TrackingReport
 from gpvo.tracking.resolutions import to_full_resolution
 from gpvo.tracking.viso2 import Viso2Tracker
 
@@ -26,7 +29,8 @@ StereoImage = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 class Tracker(Protocol):
     """Tracker that follows features through clusters, given in order of time.
 
-    Any object with this method is a tracker: `Odometry(rig, tracker=mine)`.
+    Any object with this method is a tracker: `Odometry(rig, tracker=mine)`. An attribute `report`,
+    a `TrackingReport` of the latest cluster, if it has one, helps to say where landmarks are lost.
     """
 
     def track(self, cluster: StereoCluster) -> Observations:
@@ -35,20 +39,20 @@ class Tracker(Protocol):
 
 
 class ImageTracker(Protocol):
-    """Tracker that follows features through pairs of stereo images, given in order of time."""
+    """Tracker that follows features through pairs of stereo images, given in order of time.
+
+    `report` is that of the latest pair.
+    """
+
+    report: TrackingReport
 
     def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Observations:
         """Return the observations that a new pair of images adds."""
         ...
 
 
-def make_tracker(config: TrackingConfig) -> Tracker:
-    """Make the tracker that the configuration names."""
-    return MultiResolutionTracker(config)
-
-
 class MultiResolutionTracker:
-    """Image trackers at several resolutions, run independently.
+    """The configured image tracker at one or more resolutions, run independently.
 
     Positions are full-resolution pixels.
     """
@@ -63,6 +67,11 @@ class MultiResolutionTracker:
             replace(found, landmark=found.landmark * len(parts) + index)
             for index, found in enumerate(parts)
         )
+
+    @property
+    def report(self) -> TrackingReport:
+        """Report of the latest cluster, of all resolutions together."""
+        return reduce(add, (tracker.report for tracker in self._trackers))
 
 
 class _ResolutionTracker:
@@ -87,6 +96,11 @@ class _ResolutionTracker:
             left=to_full_resolution(seen.left, self._side),
             right=to_full_resolution(seen.right, self._side),
         )
+
+    @property
+    def report(self) -> TrackingReport:
+        """Report of the latest cluster."""
+        return replace(self._tracker.report, at_rest=self._compensation.at_rest)
 
     def _images(self, cluster: StereoCluster) -> StereoImage:
         if self._image == "motion_compensated":

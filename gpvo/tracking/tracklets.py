@@ -25,7 +25,10 @@ LEAST_LANDMARKS = 8
 
 
 class Tracklets:
-    """Measurements of the latest clusters that passed the filters of single measurements."""
+    """Measurements of the latest clusters that passed the filters of single measurements.
+
+    `out_of_bounds` is the number of observations in the newest cluster that did not pass.
+    """
 
     def __init__(self, config: TrackletConfig) -> None:
         self._config = config
@@ -33,6 +36,7 @@ class Tracklets:
         self._cluster_count = 0
         self._measurements = Measurements.concatenate([])
         self._taken = np.empty(0, bool)
+        self.out_of_bounds = 0
 
     def add(self, cluster: StereoCluster, observations: Observations) -> None:
         """Add the observations of a new cluster, which lie in it or in earlier clusters."""
@@ -45,6 +49,8 @@ class Tracklets:
         self._cluster_count += 1
         self._keep(self._measurements.frame >= self._clusters[0][0])
         new = [self._measure(number, seen, observations) for number, seen in self._clusters]
+        seen = observations.frame == self._cluster_count - 1
+        self.out_of_bounds = int(seen.sum()) - len(new[-1])
         self._measurements = Measurements.concatenate([self._measurements, *new])
         self._taken = np.append(self._taken, np.zeros(sum(map(len, new)), bool))
 
@@ -79,6 +85,13 @@ class Tracklets:
             return None
         way = np.linalg.norm(now.stereo[j, :2] - before.stereo[i, :2], axis=1)
         return float(np.percentile(way / dt, 25))
+
+    def too_short(self) -> int:
+        """Count the landmarks of the newest cluster that were seen before, but not for long."""
+        newest = self._measurements.frame == self._cluster_count - 1
+        landmark = self._measurements.landmark
+        again = np.isin(landmark[newest], landmark[~newest])
+        return int((again & ~np.isin(landmark[newest], landmark[self._long_enough()])).sum())
 
     def take(self, inliers: NDArray[np.int64]) -> Measurements:
         """Take the measurements of the landmarks `inliers` that were not taken before."""

@@ -16,6 +16,7 @@ from gpvo.tracking.motion_compensation import (
     MotionCompensation,
     flow_between,
 )
+from gpvo.tracking.resolutions import to_full_resolution
 
 SHAPE = (60, 80)
 START, STOP = 0.40, 0.46
@@ -89,6 +90,65 @@ def test_image_motion_is_that_of_the_features_near() -> None:
     flow = flow_between(earlier, later, 0.01, SHAPE, reach=8.0)
     np.testing.assert_allclose(flow[15:45, 8:12, 0], 100, atol=2)
     np.testing.assert_allclose(flow[15:45, 68:72, 0], -100, atol=2)
+
+
+def cluster_at(start: float, events: RectifiedEvents, noise_count: float = 0.0) -> StereoCluster:
+    shown = ClusterEvents(
+        np.full(SHAPE, -np.inf), len(events), lambda: events, noise_count=noise_count
+    )
+    return StereoCluster(start, start + 0.06, shown, shown)
+
+
+def scattered(start: float, count: int) -> RectifiedEvents:
+    rng = np.random.default_rng(count)
+    t = np.sort(rng.uniform(start, start + 0.06, count))
+    return RectifiedEvents(rng.uniform([2, 2], [77, 57], (count, 2)), t, np.ones(count, bool))
+
+
+@pytest.mark.parametrize(("events", "noise_count"), [(20, 0.0), (500, 490.0)])
+def test_at_rest_pictures_are_held_and_times_go_on(events: int, noise_count: float) -> None:
+    """Few events, or hardly more than the sensor's noise: nothing moved."""
+    compensation = MotionCompensation(CompensationConfig(time_radius=4.0), frames=5)
+    places = np.random.default_rng(3).uniform([15, 12], [65, 48], (12, 2))
+    pictures, observed = [], []
+    for number in range(5):
+        start, still = 0.06 * number, number >= 3
+        shown = scattered(start, events if still else 1000)
+        pictures.append(
+            compensation.pictures(cluster_at(start, shown, noise_count if still else 0.0))
+        )
+        assert compensation.at_rest == still
+        seen = Observations(np.arange(12), np.full(12, number), places, places - [5.0, 0])
+        observed.append(compensation.timed(seen))
+    for held in pictures[3:]:
+        np.testing.assert_array_equal(held, pictures[2])
+    for number, found in enumerate(observed[3:], 3):
+        # The features are where they were in the picture, and at the cluster's middle.
+        np.testing.assert_array_equal(found.left, places)
+        np.testing.assert_allclose(found.times, 0.06 * number + 0.03, rtol=1e-12)
+
+
+def test_motion_after_rest_has_pictures_of_its_own_events() -> None:
+    compensation = MotionCompensation(CompensationConfig(), frames=5)
+    for number, count in enumerate([1000, 1000, 10, 900]):
+        left, _ = compensation.pictures(cluster_at(0.06 * number, scattered(0.06 * number, count)))
+    assert not compensation.at_rest
+    fresh = MotionCompensation(CompensationConfig(), frames=5)
+    expected, _ = fresh.pictures(cluster_at(0.18, scattered(0.18, 900)))
+    np.testing.assert_array_equal(left, expected)
+
+
+def test_half_resolution_pictures_are_those_of_events_in_larger_pixels() -> None:
+    rng = np.random.default_rng(0)
+    t = np.sort(rng.uniform(0, 0.06, 3000))
+    small = RectifiedEvents(rng.uniform([2, 2], [77, 57], (3000, 2)), t, np.ones(3000, bool))
+    large = RectifiedEvents(to_full_resolution(small.points, 2), t, small.polarity)
+    full = MotionCompensation(CompensationConfig(), frames=2)
+    half = MotionCompensation(CompensationConfig(), frames=2, side=2)
+    twice = np.full((2 * SHAPE[0], 2 * SHAPE[1]), -np.inf)
+    image = ClusterEvents(twice, 3000, lambda: large)
+    pictures = half.pictures(StereoCluster(0.0, 0.06, image, image))
+    np.testing.assert_array_equal(pictures, full.pictures(cluster_at(0.0, small)))
 
 
 def test_observations_get_times_and_places_of_their_own_events() -> None:

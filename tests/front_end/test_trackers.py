@@ -19,9 +19,9 @@ from front_end_scenes import (
 from numpy.typing import NDArray
 
 from gpvo.config import TrackingConfig
-from gpvo.events import StereoCluster
-from gpvo.tracking import Observations, make_tracker
-from gpvo.tracking.tracker import to_full_resolution
+from gpvo.events import ClusterEvents, RectifiedEvents, StereoCluster
+from gpvo.tracking import MultiResolutionTracker, Observations, TrackingReport
+from gpvo.tracking.resolutions import from_full_resolution, to_full_resolution
 from gpvo.tracking.viso2 import Viso2Tracker
 from gpvo.tracking.viso2.tracker import NO_LANDMARK
 
@@ -62,7 +62,7 @@ def track(
     tracker: str, motion: str, resolutions: tuple[int, ...] = (1, 2), blank: int | None = None
 ) -> Observations:
     """Return all observations of a moving plane; frame `blank` shows nothing."""
-    tracking = make_tracker(configuration(tracker, resolutions=resolutions))
+    tracking = MultiResolutionTracker(configuration(tracker, resolutions=resolutions))
     parts = []
     for frame in range(FRAMES):
         parts.append(tracking.track(cluster(motion, frame, frame == blank)))
@@ -130,6 +130,66 @@ def test_half_resolution_pixels_are_the_centre_of_four() -> None:
     four = np.array([[6.0, 8], [7, 8], [6, 9], [7, 9]])
     np.testing.assert_array_equal(to_full_resolution(np.array([[3.0, 4]]), 2)[0], four.mean(axis=0))
     np.testing.assert_array_equal(to_full_resolution(four, 1), four)
+    np.testing.assert_allclose(from_full_resolution(to_full_resolution(four, 2), 2), four)
+
+
+def events_of(image: Image, side: int) -> ClusterEvents:
+    """Make the events of a picture that is shown `side` times as large, three a white pixel."""
+    points = to_full_resolution(np.argwhere(image)[:, ::-1].astype(np.float64), side)
+    points = np.repeat(points, 3, axis=0)
+    events = RectifiedEvents(points, np.full(len(points), 0.05), np.ones(len(points), bool))
+    large = np.kron(image, np.ones((side, side), np.uint8))
+    return ClusterEvents(np.where(large > 0, 0.05, -np.inf), len(points), lambda: events)
+
+
+@pytest.mark.parametrize("image", ["binary", "motion_compensated"])
+def test_half_the_resolution_of_a_picture_twice_as_large_is_the_picture(image: str) -> None:
+    """What is tracked at half the resolution is found where it is at the full one."""
+    small, large = (
+        MultiResolutionTracker(configuration("klt", image=image, resolutions=(side,)))
+        for side in (1, 2)
+    )
+    for frame in range(3):
+        start = FRAME * frame
+        one, two = (
+            small_or_large.track(
+                StereoCluster(
+                    start,
+                    start + FRAME,
+                    *(events_of(shown, side) for shown in images("side", frame)),
+                )
+            )
+            for small_or_large, side in ((small, 1), (large, 2))
+        )
+        np.testing.assert_array_equal(one.landmark, two.landmark)
+        np.testing.assert_allclose(to_full_resolution(one.left, 2), two.left, atol=1e-9)
+        np.testing.assert_allclose(2 * one.disparity, two.disparity, atol=1e-9)
+        np.testing.assert_array_equal(one.times, two.times)
+        assert len(one) > 100
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_the_report_counts_what_was_found(tracker: str) -> None:
+    tracking = MultiResolutionTracker(configuration(tracker, resolutions=(1, 2)))
+    before = TrackingReport(0, 0, 0, 0)
+    for frame in range(3):
+        seen, report = tracking.track(cluster("side", frame)), tracking.report
+        here = (seen.frame == frame).sum()
+        assert 0 < report.stereo <= report.features
+        assert report.closed <= report.known and (report.closed > 100) == (frame > 0)
+        assert not report.at_rest
+        if tracker == "klt":  # every landmark is a new one with a match or one that was followed
+            assert here == report.stereo + report.closed
+            assert report.known == before.stereo + before.closed
+        else:
+            assert report.known == before.features
+            assert frame != 1 or here <= report.closed
+        before = report
+
+
+def test_reports_add_up() -> None:
+    one, two = TrackingReport(10, 5, 8, 4, True), TrackingReport(1, 2, 3, 4, False)
+    assert one + two == TrackingReport(11, 7, 11, 8, False)
 
 
 @pytest.mark.parametrize("blank", [0, 2, FRAMES - 1])
@@ -160,7 +220,7 @@ def test_descriptor_tracker_forgets_landmarks_out_of_reach() -> None:
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_swapped_cameras_have_no_landmarks(tracker: str) -> None:
     """A negative disparity is never a match, so only chance matches are left."""
-    tracking = make_tracker(configuration(tracker))
+    tracking = MultiResolutionTracker(configuration(tracker))
     found = 0
     for frame in range(3):
         shown = cluster("side", frame)

@@ -12,7 +12,7 @@ from gpvo.config import TrackletConfig
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.mc_ransac import segments_between
 from gpvo.tracking import Measurements, Observations, Tracklets
-from gpvo.tracking.tracklets import feature_times
+from gpvo.tracking.tracklets import LEAST_LANDMARKS, feature_times
 
 HEIGHT, WIDTH = 60, 80
 seeds = st.integers(0, 2**32)
@@ -72,6 +72,7 @@ CONFIG = TrackletConfig(
     min_disparity=2.0,
     min_length=5.0,
     min_duration=1 / 16,
+    rest_duration=0,
     history=4,
 )
 
@@ -282,3 +283,76 @@ def test_observations_without_events_are_dropped() -> None:
             ),
         )
         assert len(tracklets.pairs(4)[0]) == len(tracklets.take(ALL)) == 0
+
+
+@pytest.mark.parametrize(
+    ("rest_duration", "expected"), [(0.0, 0), (3 / 8, 4), (3 / 8 + 1e-9, 0), (1 / 32, 4)]
+)
+def test_a_tracklet_at_rest_passes_once_it_is_old_enough(
+    rest_duration: float, expected: int
+) -> None:
+    """It lasts 3 / 8 s and does not move; `min_duration` holds for all."""
+    tracklets = Tracklets(CONFIG.model_copy(update={"rest_duration": rest_duration}))
+    for frame in range(4):
+        add(tracklets, frame, moving(0, frame, speed=0.0))
+    assert len(tracklets.take(ALL)) == expected
+    assert tracklets.too_short() == (expected == 0)
+
+
+def test_counts_of_what_the_filters_left_out_are_those_of_the_newest_cluster() -> None:
+    tracklets = Tracklets(CONFIG)
+    late = (7, 40.0, 55.0, 8.0, 0.1, 0.2)  # left and right are 100 ms apart
+    near, far = moving(0, 0), (3, 60.0, 30.0, 1.0, 0.1, 0.1)  # a disparity of 1 pixel
+    add(tracklets, 0, near, moving(1, 0, speed=0.5), late, far)
+    assert (tracklets.out_of_bounds, tracklets.too_short()) == (2, 0)
+    # 0 and 1 moved by 4 and 0.5 pixels, 2 is new.
+    add(tracklets, 1, moving(0, 1), moving(1, 1, speed=0.5), moving(2, 1))
+    assert (tracklets.out_of_bounds, tracklets.too_short()) == (0, 2)
+    add(tracklets, 2, moving(0, 2), moving(1, 2, speed=0.5), moving(2, 2))
+    assert tracklets.too_short() == 2  # 0 has moved by 8 pixels, 2 by 4
+    assert tracklets.pairs(span=4)[1].landmark.tolist() == [0]
+
+
+@given(seeds, st.floats(0, 400), st.floats(-np.pi, np.pi))
+@settings(deadline=None, max_examples=30)
+def test_image_speed_is_that_of_landmarks_that_move_alike(
+    seed: int, speed: float, direction: float
+) -> None:
+    """Each is seen at times of its own."""
+    rng = np.random.default_rng(seed)
+    velocity = speed * np.array([np.cos(direction), np.sin(direction)])
+    places = rng.uniform([20, 20], [60, 60], (LEAST_LANDMARKS, 2))
+    known = Tracklets(CONFIG)
+    for frame in range(2):
+        t = frame / 8 + rng.uniform(0, 1 / 8 - 1e-3, LEAST_LANDMARKS) + frame * 1e-3
+        add_timed(known, frame, places + t[:, None] * velocity, t)
+        assert (known.image_speed() is None) == (frame == 0)
+    assert known.image_speed() == pytest.approx(speed, abs=1e-6)
+
+
+def test_image_speed_is_that_of_the_slower_landmarks_between_the_two_newest_clusters() -> None:
+    """Near landmarks rush by; a lower quartile does not see them."""
+    known, speeds = Tracklets(CONFIG), np.array([*[16.0] * 4, *[160.0] * 8])
+    places = np.column_stack([np.full(12, 20.0), np.linspace(5, 75, 12)])
+    for frame in range(4):
+        # In the first cluster all are where fast ones would have come from.
+        left = places + [100.0 * (frame == 0), 0] + frame / 8 * speeds[:, None] * [1, 0]
+        add_timed(known, frame, left, np.full(12, frame / 8))
+    assert known.image_speed() == pytest.approx(16.0)
+    add_timed(known, 4, places[: LEAST_LANDMARKS - 1], np.full(LEAST_LANDMARKS - 1, 0.5))
+    assert known.image_speed() is None
+
+
+def add_timed(tracklets: Tracklets, frame: int, left: NDArray, t: NDArray) -> None:
+    """Add a cluster with landmarks at left pixels (N, 2) and times (N,) that are known."""
+    empty = ClusterEvents(np.full((HEIGHT, WIDTH), -np.inf), 0)
+    tracklets.add(
+        StereoCluster(frame / 8, (frame + 1) / 8, empty, empty),
+        Observations(
+            np.arange(len(t)),
+            np.full(len(t), frame),
+            left,
+            left - [8.0, 0],
+            np.column_stack([t, t]),
+        ),
+    )

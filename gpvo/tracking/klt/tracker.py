@@ -8,7 +8,7 @@ be detected again in all four images, which few features of a binary frame are.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,6 +18,7 @@ from gpvo.config import TrackingConfig
 from gpvo.tracking.features import extrema, smooth, strongest_spaced
 from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
 from gpvo.tracking.observations import Observations
+from gpvo.tracking.report import TrackingReport
 
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
@@ -43,6 +44,16 @@ class _Frame:
             self.right[mask],
         )
 
+    def joined(self, other: _Frame) -> _Frame:
+        """Return the landmarks of two frames with the same images."""
+        return _Frame(
+            self.left_image,
+            self.right_image,
+            np.concatenate([self.landmark, other.landmark]),
+            np.concatenate([self.left, other.left]),
+            np.concatenate([self.right, other.right]),
+        )
+
 
 class KltTracker:
     """Tracker of the features of one resolution; see `gpvo.tracking.Tracker`."""
@@ -53,13 +64,17 @@ class KltTracker:
         self._frames: deque[_Frame] = deque(maxlen=config.earlier_frames)
         self._frame_count = 0
         self._landmark_count = 0
+        self.report = TrackingReport(0, 0, 0, 0)
 
     def track(self, left: Image, right: Image) -> Observations:
         """Follow the known landmarks into a new stereo frame and find new ones there."""
         images = smooth(left, self._config.smoothing), smooth(right, self._config.smoothing)
-        frame = self._follow(*images)
-        frame = self._anchor(frame)
-        frame = self._detect(frame)
+        known = len(self._frames[-1].landmark) if self._frames else 0
+        followed = self._anchor(self._follow(*images))
+        features = self._detect(followed)
+        new = self._in_stereo(features, followed)
+        self.report = TrackingReport(len(features), len(new.left), known, len(followed.left))
+        frame = followed.joined(new)
         self._frames.append(frame)
         self._frame_count += 1
         return Observations(
@@ -112,30 +127,26 @@ class KltTracker:
         moved = _Frame(frame.left_image, frame.right_image, frame.landmark, left, right)
         return moved.select(keep & found & self._is_stereo(moved))
 
-    def _detect(self, frame: _Frame) -> _Frame:
-        """Add the strongest features that are not near a landmark and have a right match."""
+    def _detect(self, frame: _Frame) -> Points:
+        """Return the strongest features (N, 2) of the left image that are not near a landmark."""
         points, _, strength = extrema(
             frame.left_image, self._features.nms_radius, self._features.response_threshold
         )
         wanted = self._config.max_features - len(frame.landmark)
         chosen = strongest_spaced(points, strength, frame.left, self._config.spacing, wanted)
-        left = points[chosen].astype(np.float32)
+        return points[chosen].astype(np.float32)
+
+    def _in_stereo(self, left: Points, frame: _Frame) -> _Frame:
+        """Make landmarks of the left features (N, 2) that have a match in the right image."""
         right, found = self._match(frame.left_image, frame.right_image, left)
         back, found_back = self._match(frame.right_image, frame.left_image, right)
         closed = np.linalg.norm(back - left, axis=1) < self._config.closure_tolerance
-        new = _Frame(
-            frame.left_image, frame.right_image, np.zeros(len(left), np.int64), left, right
-        )
+        nothing = np.zeros(len(left), np.int64)
+        new = _Frame(frame.left_image, frame.right_image, nothing, left, right)
         new = new.select(found & found_back & closed & self._is_stereo(new))
-        landmark = self._landmark_count + np.arange(len(new.landmark))
+        landmark = self._landmark_count + np.arange(len(new.left))
         self._landmark_count += len(landmark)
-        return _Frame(
-            frame.left_image,
-            frame.right_image,
-            np.concatenate([frame.landmark, landmark]),
-            np.concatenate([frame.left, new.left]),
-            np.concatenate([frame.right, new.right]),
-        )
+        return replace(new, landmark=landmark)
 
     def _is_stereo(self, frame: _Frame) -> Mask:
         """Check that rows agree, disparities are positive, and points are inside and look alike."""

@@ -149,6 +149,14 @@ def match_quads(
     ]
 
 
+def stereo_matches(pair: StereoFeatures, ranges: SearchRanges) -> NDArray[np.int64]:
+    """Return the left features (M,) whose best match in the right image matches best with them."""
+    windows = ranges.at(pair.left.features.points)
+    start = np.arange(len(pair.left.features))
+    right = pair.right.search(pair.left.features, start, windows[0])
+    return start[pair.left.search(pair.right.features, right, windows[2]) == start]
+
+
 def quad_points(
     quads: NDArray[np.int64], current: StereoFeatures, previous: StereoFeatures
 ) -> NDArray[np.int32]:

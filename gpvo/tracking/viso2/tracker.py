@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from gpvo.config import FeatureConfig, TrackingConfig
 from gpvo.tracking.features import detect, gradients, smooth
 from gpvo.tracking.observations import Observations
+from gpvo.tracking.report import TrackingReport
 from gpvo.tracking.viso2.bucketing import best_per_cell
 from gpvo.tracking.viso2.quad_matching import (
     StereoFeatures,
     index_features,
     match_quads,
     quad_points,
+    stereo_matches,
 )
 from gpvo.tracking.viso2.search_ranges import everywhere, near_matches
 from gpvo.tracking.viso2.subpixel_refinement import PATCH, patches, refine
@@ -68,6 +70,7 @@ class Viso2Tracker:
         self._frames: deque[_Frame] = deque(maxlen=config.earlier_frames)
         self._frame_count = 0
         self._landmark_count = 0
+        self.report = TrackingReport(0, 0, 0, 0)
         self._references: dict[int, NDArray[np.uint8]] = {}  # each landmark's first left patch
 
     def track(self, left: Image, right: Image) -> Observations:
@@ -76,6 +79,7 @@ class Viso2Tracker:
         sightings = [_see(frame, *np.empty((3, 0), np.int64))]
         for earlier in reversed(self._frames):
             sightings += self._link(frame, earlier)
+        self.report = self._counted(frame)
         self._frames.append(frame)
         observations = Observations.concatenate([self._refined(seen) for seen in sightings])
         self._forget()
@@ -97,6 +101,18 @@ class Viso2Tracker:
         )
         self._frame_count += 1
         return frame
+
+    def _counted(self, frame: _Frame) -> TrackingReport:
+        """Count what was found in a frame that is linked with the earlier ones."""
+        ranges = everywhere(frame.left_gradient.shape[:2], 1, self._config)
+        stereo = stereo_matches(frame.features, ranges)
+        latest = self._frames[-1] if self._frames else None
+        return TrackingReport(
+            len(frame.landmark),
+            len(stereo),
+            0 if latest is None else len(latest.landmark),
+            0 if latest is None else len(_known_quads(frame, latest)),
+        )
 
     def _match(self, frame: _Frame, earlier: _Frame) -> NDArray[np.int64]:
         """Match two frames and return quads (M, 4) like `match_quads`."""

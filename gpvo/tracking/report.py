@@ -1,0 +1,40 @@
+"""Report of what a tracker found in one cluster, which tells where landmarks are lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TrackingReport:
+    """What a tracker found in one cluster.
+
+    Attributes
+    ----------
+    features
+        New features in the left picture.
+    stereo
+        Those of them that have a match in the right picture.
+    known
+        Features of the cluster before, to be followed.
+    closed
+        Those of them that were followed around the quad.
+    at_rest
+        Nothing moved: the pictures are those of the cluster before.
+    """
+
+    features: int
+    stereo: int
+    known: int
+    closed: int
+    at_rest: bool = False
+
+    def __add__(self, other: TrackingReport) -> TrackingReport:
+        """Return the report of two trackers of the same cluster."""
+        return TrackingReport(
+            self.features + other.features,
+            self.stereo + other.stereo,
+            self.known + other.known,
+            self.closed + other.closed,
+            self.at_rest and other.at_rest,
+        )
