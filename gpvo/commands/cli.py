@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import Annotated
 
 import typer
 
@@ -12,7 +13,7 @@ from gpvo.commands.info import info
 from gpvo.commands.inspect import inspect_front_end
 from gpvo.commands.run import demo, run
 from gpvo.commands.tune_noise import tune_noise
-from gpvo.config import Configuration, configuration_text
+from gpvo.config import PRESETS, Configuration, configuration_text
 from gpvo.errors import InputError
 
 BAD_INPUT = 2
@@ -35,9 +36,19 @@ def main() -> None:
         sys.exit(BAD_INPUT)
 
 
-def print_configuration() -> None:
-    """Print the default configuration with a description of every field."""
-    print(configuration_text(Configuration(), described=True), end="")
+def _known(preset: str) -> str:
+    """Return the preset's name; one that is none ends the command."""
+    if preset not in PRESETS:
+        raise typer.BadParameter(f"{preset} is none of {', '.join(PRESETS)}")
+    return preset
+
+
+def print_configuration(
+    preset: Annotated[str, typer.Option(help=f"{' or '.join(PRESETS)}.", callback=_known)] = "auto",
+) -> None:
+    """Print a preset's configuration with a description of every field."""
+    configuration = Configuration.model_validate({"preset": preset})
+    print(configuration_text(configuration, described=True), end="")
 
 
 app.command()(run)

@@ -14,9 +14,9 @@ import pytest
 import yaml
 from run_files import RecordingFiles
 
-from gpvo import FixedLagSmoother, Odometry, Trajectory, open_recording
+from gpvo import Configuration, FixedLagSmoother, Odometry, Trajectory, open_recording
 from gpvo.commands.cli import main
-from gpvo.config import load_configuration
+from gpvo.config import for_camera, load_configuration
 from gpvo.errors import InputError
 from gpvo.recordings import StereoEvents
 from gpvo.recordings.files.mvsec import MvsecRecording
@@ -133,7 +133,10 @@ def test_tum_file_has_absolute_stamps_from_the_first_pose_on(
 def test_configuration_of_the_run_is_kept(
     recording: RecordingFiles, result: Path, gpvo: Callable, tmp_path: Path
 ) -> None:
-    assert load_configuration(result / "config.yaml") == load_configuration(recording.config)
+    written = load_configuration(result / "config.yaml")
+    resolution = open_recording(recording.data, recording.calibration).rig.left.resolution
+    assert written == for_camera(load_configuration(recording.config), resolution)
+    assert written.tracking.resolutions == (1,)
     short = ["--duration", "0.3", "--seed", "7"]
     code, *_ = gpvo(*recording.arguments(tmp_path / "short"), *short)
     assert code == 0
@@ -162,14 +165,26 @@ def test_without_ground_truth_there_is_a_trajectory_and_no_error(
     assert not (tmp_path / "error.png").exists()
 
 
-def test_default_configuration_is_printed_and_read_back(gpvo: Callable, tmp_path: Path) -> None:
-    code, out, _ = gpvo("config")
+@pytest.mark.parametrize("preset", ["auto", "paper"])
+def test_configuration_of_a_preset_is_printed_and_read_back(
+    gpvo: Callable, tmp_path: Path, preset: str
+) -> None:
+    code, out, _ = gpvo("config", *(() if preset == "auto" else ("--preset", preset)))
     assert code == 0
     (tmp_path / "config.yaml").write_text(out)
-    from gpvo import Configuration
+    configuration = Configuration.model_validate({"preset": preset})
+    assert load_configuration(tmp_path / "config.yaml") == configuration
+    values = yaml.safe_load(out)
+    assert values["preset"] == preset
+    assert values["noise"]["acceleration_psd"][:3] == [0.002] * 3
+    information = {"auto": [13, 13, 22], "paper": [0.5, 0.5, 0.1]}[preset]
+    assert values["noise"]["measurement_information"] == information
 
-    assert load_configuration(tmp_path / "config.yaml") == Configuration()
-    assert yaml.safe_load(out)["noise"]["acceleration_psd"][:3] == [0.002] * 3
+
+def test_preset_that_is_none_is_an_error_with_those_that_are(gpvo: Callable) -> None:
+    code, _, error = gpvo("config", "--preset", "esvo")
+    assert code == 2
+    assert "auto" in error and "paper" in error
 
 
 class TestBadInput:
@@ -273,6 +288,8 @@ class TestBadInput:
             ("estimator: {windw: 3}", "estimator.windw"),
             ("estimator: {window: many}", "estimator.window"),
             ("clustering: {max_events: -1}", "clustering.max_events"),
+            ("clustering: {max_thickness: 2.2}", "clustering.max_thickness"),
+            ("preset: esvo", "preset: Input should be 'auto' or 'paper'"),
             ("[1, 2]", "config.yaml"),
             ("a: [", "config.yaml"),
             ("estimator: {method: gauss_newton}", "method: fixed_lag"),
