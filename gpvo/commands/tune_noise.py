@@ -57,4 +57,5 @@ def noise_text(noise: NoiseConfig) -> str:
         name: [float(f"{value:.3g}") for value in getattr(noise, name)]
         for name in ("acceleration_psd", "measurement_information")
     }
-    return str(yaml.safe_dump({"noise": fields}, sort_keys=False))
+    fixed = {"track_drift": noise.track_drift, "motion_memory": 0.0, "measurement_memory": 0.0}
+    return str(yaml.safe_dump({"noise": fields | fixed}, sort_keys=False))

@@ -311,6 +311,18 @@ class NoiseConfig(StageConfig):
         "second: what a landmark was measured at before the window counts as much less certain. 0 "
         "takes it for a point, as the paper does.",
     )
+    motion_memory: float = Field(
+        0.0,
+        ge=0,
+        description="How long the motion is remembered that Q_c follows, seconds: "
+        "`acceleration_psd` is where it starts. 0 keeps that value, as in the paper.",
+    )
+    measurement_memory: float = Field(
+        0.0,
+        ge=0,
+        description="How long the residuals are remembered that the scale of R follows, seconds: "
+        "`measurement_information` is where it starts. 0 keeps that value, as in the paper.",
+    )
     initial_velocity: float = Field(
         1.0, gt=0, description="Standard deviation of the first velocity, rad/s and m/s."
     )
@@ -398,7 +410,7 @@ class Configuration(StageConfig):
     @classmethod
     def _fill_in_preset(cls, values: Any) -> Any:
         """Add the preset's values, where none are given."""
-        preset = values.get("preset") if isinstance(values, dict) else None
+        preset = values.get("preset", "auto") if isinstance(values, dict) else None
         if not isinstance(preset, str) or preset not in PRESETS:
             return values
         given = {

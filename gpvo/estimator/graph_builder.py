@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import gtsam
@@ -31,7 +30,7 @@ from gpvo.tracking.measurements import Measurements
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass
 class GraphBuilder:
     """Makes the factors of one camera with one set of noise parameters."""
 
@@ -49,7 +48,7 @@ class GraphBuilder:
         """Whether every time of a measurement is a state of its own."""
         return self.config.state_interval == 0
 
-    @cached_property
+    @property
     def measurement_noise(self) -> gtsam.noiseModel.Base:
         """GTSAM's noise model of one measurement, with the configured loss."""
         information = np.diag(self.noise.measurement_information)

@@ -26,6 +26,8 @@ from gpvo.estimator.isam2 import (
     prior_covariance,
     states_of,
 )
+from gpvo.estimator.measurement_noise import MeasurementNoise
+from gpvo.estimator.motion_noise import MotionNoise
 from gpvo.estimator.own_factors import LEFT_OUT as OWN_LEFT_OUT
 from gpvo.estimator.own_factors import OwnFactors, Waiting, factors_that_leave
 from gpvo.estimator.state_times import SAME_TIME, Lag, key_interval, key_times, state_times
@@ -78,6 +80,11 @@ class FixedLagSmoother:
         self._build = GraphBuilder(camera, noise or NoiseConfig(), self._config)
         self._initial = initial or InitialState.at_origin(self._build.noise)
         self._has_world = initial is not None
+        self._motion = MotionNoise(self._build.qc, self._build.noise.motion_memory)
+        self._errors = MeasurementNoise(
+            np.array(self._build.noise.measurement_information),
+            self._build.noise.measurement_memory,
+        )
         self._lag = Lag(self._config)
         self._landmarks = WindowLandmarks(self._build)
         self._own = OwnFactors()
@@ -113,6 +120,7 @@ class FixedLagSmoother:
         with one_blas_thread():
             if len(self._keys):
                 self._keep_what_leaves()
+                self._learn_noise()
             elif len(usable):
                 self._begin(update, usable.t.min(), velocity_estimate)
             else:
@@ -175,6 +183,11 @@ class FixedLagSmoother:
         return self._states_until(len(self._keys) - 1)
 
     @property
+    def noise(self) -> NoiseConfig:
+        """Noise of motion and measurements as it is used now."""
+        return self._build.noise
+
+    @property
     def window(self) -> range:
         """Numbers k of the key states X(k), V(k) in the window."""
         return self._window.numbers
@@ -230,6 +243,21 @@ class FixedLagSmoother:
     def _first_covariance(self) -> Array:
         """(12, 12) of the window's first state when it was solved last."""
         return self._knots[-1].joint[-1, 12:, 12:] if self._knots else self._initial.covariance
+
+    def _learn_noise(self) -> None:
+        """Let Q_c follow the motion, and R the residuals in the window."""
+        noise, t = self._build.noise, float(self._keys.t[-1])
+        learned: dict[str, tuple[float, ...]] = {}
+        if noise.motion_memory > 0 and self._solved > 1:
+            self._motion.learn(self._keys[: self._solved], self._covariance())
+            learned["acceleration_psd"] = tuple(self._motion.qc.tolist())
+        factor = self._landmarks.factor
+        if noise.measurement_memory > 0 and factor is not None and self._errors.is_due(t):
+            values = self._window.values()
+            number, _ = factor.landmarks(values)
+            self._errors.learn(t, factor.residuals(values), len(number))
+            learned["measurement_information"] = tuple(self._errors.information.tolist())
+        self._build.noise = noise.model_copy(update=learned)
 
     def _keep_what_leaves(self) -> None:
         """Keep the states that the latest cluster made old, and their covariances."""

@@ -13,7 +13,7 @@ from gpvo.config.stages import EstimatorConfig, NoiseConfig
 Array = NDArray[np.float64]
 SAME_TIME = 5e-7
 """Seconds; times nearer than this, half the resolution of event stamps, are one state."""
-STIFFNESS = 0.2
+STIFFNESS = 0.8
 """Standard deviation of a state half-way between two key states, given both, in an image: as a
 share of that of a measurement. Beyond it the motion between would be linearised too far away."""
 

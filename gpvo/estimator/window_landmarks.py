@@ -88,6 +88,11 @@ class WindowLandmarks:
             return None
         return self._build.structureless(window.numbers, window.states.t, used, self._prior)
 
+    @property
+    def factor(self) -> StructurelessStereoFactor | None:
+        """The factor in the graph, None if there is none."""
+        return self._factor
+
     def points(self, window: NumberedStates) -> tuple[NDArray[np.int64], Array]:
         """Return (L,) identities of the landmarks and the (L, 3) points that fit best."""
         if self._factor is None:

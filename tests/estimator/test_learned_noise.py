@@ -1,0 +1,116 @@
+"""Noise learned while the smoother runs, against the noise that tracklets were made with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.simulated_tracklets import TrackletSimulation
+from factors import wnoa_square_root_covariance
+from factors.lie import se3_exp, se3_right_jacobian
+from gpvo.config import Configuration, NoiseConfig
+from gpvo.estimator import FixedLagSmoother
+from gpvo.estimator.measurement_noise import CORRELATED
+from gpvo.estimator.motion_noise import MotionNoise, wnoa_errors
+from gpvo.trajectory.states import States
+
+START = np.array(NoiseConfig().acceleration_psd)
+
+
+def random_states(qc: np.ndarray, count: int, seed: int = 0, dt: float = 0.05) -> States:
+    """Draw states of the WNOA process."""
+    rng, T, twist = np.random.default_rng(seed), [np.eye(4)], [np.zeros(6)]
+    root = wnoa_square_root_covariance(dt, qc)
+    for _ in range(count - 1):
+        deviation = root @ rng.standard_normal(12)
+        xi = dt * twist[-1] + deviation[:6]
+        T.append(T[-1] @ se3_exp(xi))
+        twist.append(se3_right_jacobian(xi) @ (twist[-1] + deviation[6:]))
+    return States(dt * np.arange(count), np.array(T), np.array(twist))
+
+
+def learned(simulated: NoiseConfig, given: NoiseConfig, seconds: float = 3.0) -> NoiseConfig:
+    """Return what a smoother that was given one noise learns of tracklets of another."""
+    simulation, rng = TrackletSimulation(simulated, per_cluster=30), np.random.default_rng(1)
+    smoother = FixedLagSmoother(simulation.camera, given)
+    for end_time, measurements in simulation.clusters(simulation.motion(seconds, rng), rng):
+        smoother.update(end_time, measurements)
+    return smoother.noise
+
+
+def test_errors_of_the_prior_are_those_that_the_states_were_made_with() -> None:
+    states = random_states(START, 30)
+    errors = wnoa_errors(states)
+    twist = np.array([0.1, -0.2, 0.3, 1.0, 0.0, -1.0])
+    still = States(
+        np.arange(4.0), np.stack([se3_exp(k * twist) for k in range(4)]), np.tile(twist, (4, 1))
+    )
+    np.testing.assert_allclose(wnoa_errors(still), 0.0, atol=1e-12)
+    assert errors.shape == (29, 2, 6)
+
+
+@pytest.mark.parametrize("scale", [0.3, 1.0, 100.0])
+def test_known_states_tell_the_scale_of_each_component(scale: float) -> None:
+    """Without uncertainty the estimate is the mean of 12 N squares, chi-squared distributed."""
+    qc = START * np.repeat([scale, 1.0], 3)
+    noise = MotionNoise(START, memory=1e6)
+    noise.learn(random_states(qc, 1000), np.zeros((12000, 12000)))
+    ratio = noise.qc / START
+    np.testing.assert_allclose(ratio, np.repeat([scale, 1.0], 3), rtol=4 * np.sqrt(2 / 6000))
+
+
+def test_states_as_uncertain_as_the_prior_teach_nothing() -> None:
+    """Where the posterior is the prior, no error remains and the redundancy is zero."""
+    noise = MotionNoise(START, memory=1.0)
+    dt, twist = 0.1, np.zeros((2, 6))
+    states = States(np.array([0.0, dt]), np.tile(np.eye(4), (2, 1, 1)), twist)
+    covariance = np.zeros((24, 24))
+    root = wnoa_square_root_covariance(dt, START)
+    covariance[12:, 12:] = root @ root.T
+    noise.learn(states, covariance)
+    np.testing.assert_allclose(noise.qc, START, rtol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [10.0, 100.0])
+def test_the_smoother_finds_a_livelier_motion(scale: float) -> None:
+    true = NoiseConfig(acceleration_psd=tuple(scale * START), track_drift=0.0)
+    found = learned(true, NoiseConfig(track_drift=0.0, motion_memory=1.0))
+    ratio = np.array(found.acceleration_psd) / true.acceleration_psd
+    assert (ratio > 0.4).all() and (ratio < 2.5).all()
+    assert found.measurement_information == true.measurement_information
+
+
+@pytest.mark.parametrize("deviation", [0.5, 3.0])
+def test_the_smoother_finds_the_scale_of_the_measurements(deviation: float) -> None:
+    """Independent errors, which tracks do not have, count CORRELATED times."""
+    start = NoiseConfig(track_drift=0.0, measurement_memory=5.0)
+    information = tuple(x / deviation**2 for x in start.measurement_information)
+    found = learned(start.model_copy(update={"measurement_information": information}), start)
+    ratio = np.array(information) / found.measurement_information
+    np.testing.assert_allclose(ratio, CORRELATED, rtol=0.25)
+
+
+def test_given_noise_is_kept() -> None:
+    given = NoiseConfig(track_drift=0.0)
+    assert learned(NoiseConfig(initial_velocity=0.3), given, 1.0) == given
+
+
+def test_a_jerk_after_rest_is_followed_at_once() -> None:
+    noise = MotionNoise(START, memory=1.0)
+    tiny = np.eye(24) * 1e-12
+    for number in range(40):
+        rest = random_states(1e-4 * START, 2, number)
+        noise.learn(States(rest.t + 0.05 * number, rest.T_world_cam, rest.twist), tiny)
+    at_rest = noise.qc
+    jerk = random_states(1e3 * START, 2, 99)
+    noise.learn(States(jerk.t + 2.0, jerk.T_world_cam, jerk.twist), tiny)
+    assert (at_rest <= 0.11 * START).all() and (noise.qc > 10 * START).all()
+
+
+def test_noise_is_learned_by_default_and_not_in_the_papers_way() -> None:
+    automatic, paper = (
+        Configuration().noise,
+        Configuration.model_validate({"preset": "paper"}).noise,
+    )
+    assert automatic.motion_memory > 0 and automatic.measurement_memory > 0
+    assert paper.motion_memory == 0 and paper.measurement_memory == 0
