@@ -89,5 +89,5 @@ def test_the_front_end_measures_in_pixels_of_the_sensor() -> None:
     assert front_end.configuration == for_camera(Configuration(), (1280, 720))
     assert front_end.noise == in_full_pixels(front_end.configuration).noise
     deviation = 1 / np.sqrt(np.array(front_end.noise.measurement_information))
-    usual = 1 / np.sqrt(np.array(NoiseConfig().measurement_information))
+    usual = 1 / np.sqrt(np.array(Configuration().noise.measurement_information))
     np.testing.assert_allclose(deviation, 2 * usual)
