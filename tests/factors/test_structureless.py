@@ -131,8 +131,16 @@ def test_it_tells_what_factors_of_one_landmark_each_tell(model: Any, seed: int) 
     np.testing.assert_array_equal(np.concatenate([found[0] for found in alone]), number)
     np.testing.assert_allclose(np.concatenate([found[1] for found in alone]), points, rtol=1e-9)
     np.testing.assert_allclose(one.error(values), graph_of(many).error(values), rtol=1e-7)
-    for found, expected in zip(information([one], values), information(many, values), strict=True):
-        assert_same(found, expected, 1e-5 if model is not NOISE else 1e-7)
+    (H, gradient), (H_alone, alone_gradient) = (
+        information(factors, values) for factors in ([one], many)
+    )
+    assert_same(H, H_alone, 1e-5 if model is not NOISE else 1e-7)
+    # A factor of one landmark is singular. The pivots that its root leaves out are rounding errors,
+    # and the gradient along a pivot p of H is at most the root of p times that of twice the cost.
+    largest = np.sqrt(np.diag(H) * 2 * one.error(values))
+    least_pivot = 1e-12
+    bound = (1e-5 if model is not NOISE else np.sqrt(least_pivot)) * largest.max()
+    assert np.abs(gradient - alone_gradient).max() <= bound
 
 
 @MODELS
