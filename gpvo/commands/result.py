@@ -19,6 +19,7 @@ from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import COST_FILE
 from gpvo.evaluation.report.weak_stretches import weak_stretches
 from gpvo.trajectory import StampedPoses, Trajectory, write_tum
+from gpvo.verdict import verdict
 
 FILES = (
     "trajectory.tum",
@@ -47,15 +48,13 @@ class Result:
     ground_truth: StampedPoses | None = None
 
     def write(self, folder: Path | str) -> None:
-        """Write all files of the result, the trajectory last."""
-        folder = make_folder(folder, FILES)
+        """Write what was found about a trajectory, which is saved before."""
+        folder = make_folder(folder)
         (folder / "config.yaml").write_text(configuration_text(self.configuration))
         (folder / "metrics.json").write_text(json.dumps(self.metrics(), indent=2) + "\n")
         if self.ground_truth is not None:
             write_tum(folder / "ground_truth.tum", self.ground_truth)
         self._write_plots(folder)
-        self.trajectory.save(folder / "trajectory.npz")
-        self.trajectory.export_tum(folder / "trajectory.tum")
 
     def metrics(self) -> dict[str, Any]:
         """Return the numbers of the run by name, except those of time spent."""
@@ -71,6 +70,7 @@ class Result:
             "median_tracklets": float(np.median([report.tracklets for report in self.reports])),
             "median_inliers": float(np.median([report.inliers for report in self.reports])),
         }
+        run |= verdict(self.reports).to_dict()
         errors = None if self.evaluation is None else self.evaluation.to_dict()
         diagnostics = [diagnostic.to_dict() for diagnostic in self.diagnostics]
         return {"run": run, "errors": errors, "diagnostics": diagnostics}
@@ -113,6 +113,8 @@ class Result:
             rows["flashes left out"] = f"{run['flashes']}, {run['flashes_s']:.3f} s"
         if run["at_rest_s"] > 0:
             rows["at rest"] = f"{run['at_rest_s']:.2f} s"
+        judged = verdict(self.reports)
+        rows["verdict"] = "; ".join([judged.word, *judged.reasons])
         if self.diagnostics:
             rows["left out or rebuilt"] = f"{len(self.diagnostics)}, listed in metrics.json"
         table = Table(show_header=False)
@@ -143,6 +145,12 @@ class Result:
             figure = error_figure([self.evaluation], stretches=weak_stretches(self.trajectory))
             save_figure(figure, folder / "error.png")
         save_figure(path, folder / "path.png")
+
+
+def save_trajectory(trajectory: Trajectory, folder: Path) -> None:
+    """Write a trajectory as the result's files; each replaces an unfinished one as a whole."""
+    trajectory.save(folder / "trajectory.npz")
+    trajectory.export_tum(folder / "trajectory.tum")
 
 
 def evaluate_trajectory(trajectory: Trajectory, ground_truth: StampedPoses) -> Evaluation:

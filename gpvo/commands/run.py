@@ -25,7 +25,7 @@ from gpvo.commands.inputs import (
 )
 from gpvo.commands.live_trajectory import live_file
 from gpvo.commands.progress import run_progress
-from gpvo.commands.result import FILES, Result, evaluate_trajectory
+from gpvo.commands.result import FILES, Result, evaluate_trajectory, save_trajectory
 from gpvo.config import Configuration
 from gpvo.evaluation.report.machine import machine_text
 from gpvo.evaluation.report.paper_tables import evaluation_tables
@@ -36,6 +36,10 @@ from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
 from gpvo.simulation import SimulationConfig, simulate
 from gpvo.trajectory import StampedPoses
+from gpvo.verdict import Verdict, verdict
+
+DEAD_RECKONING = 3
+"""Exit status for a trajectory that is mostly dead reckoning."""
 
 
 def run(
@@ -50,13 +54,18 @@ def run(
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
 ) -> None:
-    """Estimate the motion of a recording; write trajectory, metrics and plots."""
+    """Estimate the motion of a recording; write trajectory, metrics and plots.
+
+    Exit status 3: most of the trajectory is dead reckoning.
+    """
     configuration = configured(config, seed)
     opened = open_recording(recording, calibration, left_topic, right_topic)
     truth = load_ground_truth(ground_truth, opened, calibration) if ground_truth else None
     span = (start, np.inf if duration is None else duration)
     folder = output or Path("results") / recording.stem
-    run_and_write(opened, configuration, folder, truth, console, *span)
+    judged = run_and_write(opened, configuration, folder, truth, console, *span)
+    if judged.word == "failed":
+        raise typer.Exit(DEAD_RECKONING)
 
 
 def demo(output: Output = None, seed: Seed = None) -> None:
@@ -77,8 +86,10 @@ def run_and_write(
     console: Console,
     start: float = 0.0,
     duration: float = np.inf,
-) -> None:
+) -> Verdict:
     """Estimate the motion from `start` for `duration` seconds and write a result folder.
+
+    Returns the verdict on the run.
 
     Raises
     ------
@@ -99,6 +110,7 @@ def run_and_write(
             append_final()
 
         trajectory = odometry.run(recording, start, duration, advance)
+    save_trajectory(trajectory, folder)
     events = sum(report.events for report in odometry.reports)
     cost = meter.total(stop - start, events)
     evaluation = evaluate_trajectory(trajectory, truth) if truth else None
@@ -115,3 +127,4 @@ def run_and_write(
         for table in evaluation_tables(evaluation):
             console.print(to_rich(table))
     console.print(f"results: {folder}")
+    return verdict(odometry.reports)

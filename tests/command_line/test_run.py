@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,6 +17,7 @@ from run_files import RecordingFiles
 
 from gpvo import Configuration, FixedLagSmoother, Odometry, Trajectory, open_recording
 from gpvo.commands.cli import main
+from gpvo.commands.result import Result
 from gpvo.config import for_camera, load_configuration
 from gpvo.errors import InputError
 from gpvo.recordings import StereoEvents
@@ -165,6 +167,41 @@ def test_without_ground_truth_there_is_a_trajectory_and_no_error(
     assert not (tmp_path / "error.png").exists()
 
 
+def test_mostly_dead_reckoning_is_said_and_is_exit_status_3(
+    gpvo: Callable, recording: RecordingFiles, result: Path, tmp_path: Path
+) -> None:
+    """The right camera dies after a fifth of the recording; one event at the end remains."""
+    dying = tmp_path / "dying.hdf5"
+    dying.write_bytes(recording.data.read_bytes())
+    with h5py.File(dying, "r+") as file:
+        events = file["davis/right/events"][:]
+        del file["davis/right/events"]
+        file["davis/right/events"] = np.concatenate([events[: len(events) // 5], events[-1:]])
+    code, out, _ = gpvo(*replace(recording, data=dying).arguments(tmp_path / "dead"))
+    verdicts = [
+        json.loads((folder / "metrics.json").read_text())["run"]["verdict"]
+        for folder in (tmp_path / "dead", result)
+    ]
+    assert (code, verdicts) == (3, ["failed", "good"])
+    assert "of the time is dead reckoning" in out
+    assert (tmp_path / "dead" / "trajectory.npz").exists()
+
+
+def test_trajectory_is_there_when_the_plots_fail(
+    recording: RecordingFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full_disk(*_: object) -> None:
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(Result, "_write_plots", full_disk)
+    monkeypatch.setattr(sys, "argv", ["gpvo", *recording.arguments(tmp_path / "full")])
+    with pytest.raises(OSError, match="No space"):
+        main()
+    saved = Trajectory.load(tmp_path / "full" / "trajectory.npz")
+    lines = (tmp_path / "full" / "trajectory.tum").read_text().splitlines()
+    assert len(lines) == len(saved)
+
+
 @pytest.mark.parametrize("preset", ["auto", "paper"])
 def test_configuration_of_a_preset_is_printed_and_read_back(
     gpvo: Callable, tmp_path: Path, preset: str
@@ -177,7 +214,7 @@ def test_configuration_of_a_preset_is_printed_and_read_back(
     values = yaml.safe_load(out)
     assert values["preset"] == preset
     assert values["noise"]["acceleration_psd"][:3] == [0.002] * 3
-    information = {"auto": [13, 13, 22], "paper": [0.5, 0.5, 0.1]}[preset]
+    information = {"auto": [4, 4, 7], "paper": [0.5, 0.5, 0.1]}[preset]
     assert values["noise"]["measurement_information"] == information
 
 

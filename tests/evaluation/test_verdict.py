@@ -1,0 +1,78 @@
+"""Verdict on runs whose inliers are given."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gpvo.cluster_report import ClusterReport
+from gpvo.verdict import FEW, MOSTLY, verdict
+
+PERIOD = 0.05
+REPORT = ClusterReport(
+    start=0.0,
+    stop=PERIOD,
+    left_events=20_000,
+    right_events=20_000,
+    left_out=(0, 0),
+    noise_rate=0.0,
+    flash=0.0,
+    tracking=None,
+    observations=200,
+    out_of_bounds=0,
+    too_short=0,
+    tracklets=200,
+    inliers=0,
+    measurements=0,
+)
+
+
+def reports(inliers: list[int]) -> list[ClusterReport]:
+    """Make reports of consecutive clusters."""
+    return [
+        replace(REPORT, start=PERIOD * k, stop=PERIOD * (k + 1), inliers=count)
+        for k, count in enumerate(inliers)
+    ]
+
+
+@given(st.lists(st.integers(FEW, 300), min_size=1, max_size=50))
+def test_measured_throughout_is_good(inliers: list[int]) -> None:
+    found = verdict(reports(inliers))
+    assert (found.word, found.reasons, found.dead_reckoning) == ("good", (), 0.0)
+
+
+@given(st.lists(st.integers(0, 2 * FEW), min_size=1, max_size=50))
+def test_dead_reckoning_is_the_share_of_the_clusters_with_few_inliers(inliers: list[int]) -> None:
+    found = verdict(reports(inliers))
+    share = sum(count < FEW for count in inliers) / len(inliers)
+    assert found.dead_reckoning == pytest.approx(share)
+    assert (found.word == "failed") == (found.dead_reckoning >= MOSTLY)
+    assert sum(one.duration for one in found.stretches) == pytest.approx(
+        share * PERIOD * len(inliers)
+    )
+
+
+def test_a_first_cluster_without_inliers_is_no_fault() -> None:
+    assert verdict(reports([0, 0] + [150] * 60)).word == "good"
+
+
+@pytest.mark.parametrize(
+    ("inliers", "seen"),
+    [
+        ([0] * 12 + [150] * 60, "first landmarks were found after 0.60 s"),
+        ([150] * 20 + [2] * 8 + [150] * 40, "more than 0.25 s: 1.00 to 1.40 s"),
+        (([150] * 9 + [0]) * 10, "10 % of the time is dead reckoning"),
+    ],
+)
+def test_what_was_seen_is_said(inliers: list[int], seen: str) -> None:
+    found = verdict(reports(inliers))
+    assert found.word == "degraded" and len(found.reasons) == 1 and seen in found.reasons[0]
+
+
+def test_mostly_without_inliers_is_failed() -> None:
+    """Twenty-five of 29 clusters of a rig that stood still."""
+    found = verdict(reports([12] * 4 + [0] * 25))
+    assert found.word == "failed" and "86 % of the time" in found.reasons[0]
