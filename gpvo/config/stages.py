@@ -24,6 +24,12 @@ class ClusteringConfig(StageConfig):
         gt=0,
         description="Image motion of the slower features during a cluster, tracked pixels.",
     )
+    shortest: float = Field(
+        0.01,
+        ge=0,
+        description="Shortest duration of a cluster by the motion, seconds: the images are "
+        "compensated, and each costs the same time.",
+    )
     max_events: int | None = Field(
         None,
         gt=0,
@@ -230,7 +236,9 @@ class TrackletConfig(StageConfig):
     )
     min_disparity: float = Field(2.0, ge=0, description="Smallest disparity, tracked pixels.")
     min_length: float = Field(2.0, ge=0, description="Smallest image motion, tracked pixels.")
-    min_duration: float = Field(0.040, ge=0, description="Shortest duration, seconds.")
+    min_duration: float = Field(
+        0.015, ge=0, description="Shortest duration, seconds; 0.04 in the paper."
+    )
     rest_duration: float = Field(
         0.4,
         ge=0,

@@ -39,7 +39,8 @@ class ClusterLength:
         if image_speed is None:
             return config.window, round(FIRST * self._pixels)
         usual = SURGE * float(np.median(self._counts)) if self._counts else 0.0
-        duration = min(config.window, config.motion / max(image_speed, 1e-9))
+        by_motion = config.motion / max(image_speed, 1e-9)
+        duration = min(config.window, max(config.shortest, by_motion))
         return duration, round(max(usual, LEAST * self._pixels))
 
     def add(self, events: int) -> None:

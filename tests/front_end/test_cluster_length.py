@@ -20,13 +20,15 @@ def length(size: tuple[int, int], **fields: float) -> ClusterLength:
     return ClusterLength(ClusteringConfig.model_validate(fields), rig)
 
 
-@given(st.floats(0, 1e5), st.floats(0.5, 5), st.floats(0.01, 0.5))
-def test_contours_move_by_the_motion_within_a_cluster_up_to_its_longest_duration(
-    image_speed: float, motion: float, window: float
+@given(st.floats(0, 1e5), st.floats(0.5, 5), st.floats(0.02, 0.5), st.floats(0, 0.02))
+def test_contours_move_by_the_motion_within_a_cluster_of_bounded_duration(
+    image_speed: float, motion: float, window: float, shortest: float
 ) -> None:
-    duration, _ = length((240, 180), motion=motion, window=window).limits(image_speed)
-    assert duration * image_speed <= motion * (1 + 1e-12)
-    assert duration == window or duration * image_speed == pytest.approx(motion)
+    limits = length((240, 180), motion=motion, window=window, shortest=shortest).limits
+    duration, _ = limits(image_speed)
+    assert shortest <= duration <= window
+    at_bound = duration in (shortest, window)
+    assert at_bound or duration * image_speed == pytest.approx(motion)
 
 
 @pytest.mark.parametrize("size", SIZES)
