@@ -26,6 +26,7 @@ from factors.structureless.row_kernels import (
 
 Index = NDArray[np.int64]
 
+_BLOCK = 64  # rows that are solved at once: numpy does not know of triangles
 _ROUNDING = 1e-12  # pivots below this, of a unit diagonal, are made of rounding errors
 
 
@@ -116,7 +117,22 @@ class JointSystem:
         """Root L (S, S), lower, of the information on u and s, and L⁻¹ H_(us),(x, error)."""
         H, S = self.information, self.shared
         root = np.asarray(np.linalg.cholesky(H[:S, :S]), np.float64)
-        return root, np.asarray(np.linalg.solve(root, H[:S, S:]), np.float64)
+        return root, solve_lower(root, H[:S, S:])
+
+    def shared_mean(self, moved: Array) -> Array:
+        """Return u and s (S,), given the step (12 m,) of the states."""
+        root, right = self.shared_given_states
+        return -solve_transposed(root, right @ np.append(moved, 1.0))
+
+    def part_given_states(self, part: slice) -> tuple[Array, Array]:
+        """Return the regression (n, 12 m) of some of u and s on the states, and their covariance.
+
+        That is (n, n), given the states.
+        """
+        root, right = self.shared_given_states
+        unit = np.eye(self.shared - part.start, part.stop - part.start)
+        columns = solve_lower(root[part.start :, part.start :], unit)
+        return -columns.T @ right[part.start :, :-1], columns.T @ columns
 
     def on_states(self) -> tuple[Array, Array]:
         """Information (12 m + 1, 12 m + 1) on the states and the error alone, and its scale."""
@@ -126,9 +142,7 @@ class JointSystem:
 
     def landmark_steps(self, moved: Array) -> Array:
         """Return the steps (L, 3) of the landmarks, given the step (12 m,) of the states."""
-        root, right = self.shared_given_states
-        shared = -np.linalg.solve(root.T, right @ np.append(moved, 1.0))
-        steps = self.cross @ -np.concatenate([shared, moved, [1.0]])
+        steps = self.cross @ -np.concatenate([self.shared_mean(moved), moved, [1.0]])
         solve_kernel(self.root, self.known, steps)
         return steps
 
@@ -143,8 +157,7 @@ class JointSystem:
         """
         S = self.shared
         root, right = self.shared_given_states
-        inverse = np.linalg.inv(root)
-        by_states = -inverse.T @ right
+        by_states = -solve_transposed(root, right)
         by_noise = by_landmark @ np.linalg.inv(self.root[of])
         by_all = -by_noise @ self.cross[of]
         by_shared = by_all[:, :, :S]
@@ -152,10 +165,31 @@ class JointSystem:
         for n, column in enumerate(first.tolist()):
             on_states[n, :, column : column + 24] += rows[n, :, :24]
         error = rows[:, :, 30] + by_all[:, :, -1] + by_shared @ by_states[:, -1]
-        free = by_shared @ inverse.T
+        flat = by_shared.reshape(3 * len(of), S)
+        free = solve_lower(root, flat.T).T.reshape(by_shared.shape)
         parts = (on_states @ covariance, on_states), (free, free), (by_noise, by_noise)
         spread = np.eye(3) + sum(a @ b.transpose(0, 2, 1) for a, b in parts)
         return error, np.asarray(spread, np.float64)
+
+
+def solve_lower(root: Array, right: Array) -> Array:
+    """X, root X = right, of a lower triangular matrix (S, S); block by block."""
+    X = right.copy()
+    for i in range(0, len(root), _BLOCK):
+        block = slice(i, i + _BLOCK)
+        X[block] -= root[block, :i] @ X[:i]
+        X[block] = np.linalg.solve(root[block, block], X[block])
+    return X
+
+
+def solve_transposed(root: Array, right: Array) -> Array:
+    """X, rootᵀ X = right, of a lower triangular matrix (S, S); block by block."""
+    X = right.copy()
+    for i in reversed(range(0, len(root), _BLOCK)):
+        block, later = slice(i, i + _BLOCK), slice(i + _BLOCK, None)
+        X[block] -= root[later, block].T @ X[later]
+        X[block] = np.linalg.solve(root[block, block].T, X[block])
+    return X
 
 
 def _add_measurements(

@@ -33,10 +33,8 @@ class StatesBetween:
     T_states: Array
     v_states: Array
     _bridges: list[Bridge]
-    _latent: Index
+    _system: JointSystem
     _mean: Array
-    _by_states: Array
-    _covariance: Array
     _qc_root: Array
 
     @staticmethod
@@ -57,16 +55,8 @@ class StatesBetween:
         v_states: Array,
     ) -> StatesBetween:
         """The states, given a step (12 m,) since the system was linearised."""
-        root, right = system.shared_given_states
-        inverse = np.linalg.inv(root)
-        by_states = -inverse.T @ right
-        mean = by_states @ np.append(moved, 1.0)
-        count = int(system.latent[-1])
-        covariance = (inverse.T @ inverse)[:count, :count]
-        found = mean[:count], by_states[:count, :-1], covariance
-        return StatesBetween(
-            t, t_states, T_states, v_states, bridges, system.latent, *found, qc_root
-        )
+        mean = system.shared_mean(moved)
+        return StatesBetween(t, t_states, T_states, v_states, bridges, system, mean, qc_root)
 
     def states(self, t: Array | None = None) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and twists (n, 6) at times (n,) within the states, by default at `t`.
@@ -106,7 +96,8 @@ class StatesBetween:
         _, _, by_local, by_pose_i, by_states = self._linearized(i, t)
         M = by_local @ by_states
         M[:, :6, :6] += by_pose_i
-        bridge, u = self._bridges[i], slice(self._latent[i], self._latent[i + 1])
+        bridge = self._bridges[i]
+        u_by_states, u_covariance = self._system.part_given_states(self._variables(i))
         weights = self._qc_root[:, None] * bridge.weights(t - self.t_states[i])[:, :, None]
         by_u = np.zeros((len(t), 2, 6, 6, bridge.rank))
         for q in range(6):
@@ -115,9 +106,9 @@ class StatesBetween:
             12 * len(t), 6 * bridge.rank
         )
         # With respect to all states: those around the interval, and all others by way of u.
-        on_states = N @ self._by_states[u]
+        on_states = N @ u_by_states
         on_states[:, 12 * i : 12 * i + 24] += M.reshape(-1, 24)
-        total = on_states @ covariance @ on_states.T + N @ self._covariance[u, u] @ N.T
+        total = on_states @ covariance @ on_states.T + N @ u_covariance @ N.T
         left = bridge.left(t - self.t_states[i])
         rest = np.einsum("hkmn,q,qp->mhqnkp", left, self._qc_root**2, np.eye(6))
         rest = rest.reshape(len(t), 12, -1)
@@ -133,9 +124,13 @@ class StatesBetween:
 
     def _deviation(self, i: int, t: Array) -> Array:
         """(n, 12) local deviations at times (n,) between the states i and i + 1."""
-        bridge, u = self._bridges[i], self._mean[self._latent[i] : self._latent[i + 1]]
+        bridge, u = self._bridges[i], self._mean[self._variables(i)]
         components = self._qc_root[:, None] * u.reshape(6, bridge.rank)
         return bridge.deviations(t - self.t_states[i], components)
+
+    def _variables(self, i: int) -> slice:
+        """Columns of the variables between the states i and i + 1."""
+        return slice(int(self._system.latent[i]), int(self._system.latent[i + 1]))
 
     def _interval(self, t: Array) -> Index:
         """(n,) number of the state before each time."""
