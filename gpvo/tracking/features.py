@@ -78,13 +78,14 @@ def extrema(
     The strength is the response of a filter, relative to its largest possible response.
     """
     found = []
+    wide = image.astype(np.float32)
     for first_kind, mask in ((0, BLOB_MASK), (2, CORNER_MASK)):
-        response = cv2.filter2D(image.astype(np.float32), cv2.CV_32F, mask)
+        response = cv2.filter2D(wide, cv2.CV_32F, mask)
         largest = 255 * np.maximum(mask, 0).sum()
         for kind, signed in ((first_kind, -response), (first_kind + 1, response)):
-            points = block_maxima(signed, nms_radius, threshold, MARGIN)
-            strength = signed[points[:, 1], points[:, 0]] / largest
-            found.append((points, np.full(len(points), kind, np.int32), strength))
+            maxima = block_maxima(signed, nms_radius, threshold, MARGIN)
+            strength = signed[maxima[:, 1], maxima[:, 0]] / largest
+            found.append((maxima, np.full(len(maxima), kind, np.int32), strength))
     points, kinds, strengths = zip(*found, strict=True)
     return np.concatenate(points), np.concatenate(kinds), np.concatenate(strengths)
 
@@ -131,7 +132,6 @@ def _greedy_spacing(
     return kept[:number]
 
 
-@njit(cache=True)
 def block_maxima(
     response: NDArray[np.float32], radius: int, threshold: float, margin: int
 ) -> NDArray[np.int32]:
@@ -141,31 +141,35 @@ def block_maxima(
     it.
     """
     height, width = response.shape
-    found = np.empty((height * width // (radius + 1) ** 2 + 1, 2), np.int32)
-    count = 0
-    for u0 in range(radius + margin, width - radius - margin, radius + 1):
-        for v0 in range(radius + margin, height - radius - margin, radius + 1):
-            u, v = u0, v0
-            for column in range(u0, u0 + radius + 1):
-                for row in range(v0, v0 + radius + 1):
-                    if response[row, column] > response[v, u]:
-                        u, v = column, row
-            if response[v, u] < threshold:
+    if min(height, width) <= 2 * (radius + margin):
+        return np.empty((0, 2), np.int32)
+    inner = response[margin : height - margin, margin : width - margin]
+    around = cv2.dilate(inner, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
+    return _block_maxima(inner, around, radius, threshold) + np.int32(margin)
+
+
+@njit(cache=True, nogil=True)
+def _block_maxima(
+    response: NDArray[np.float32], around: NDArray[np.float32], radius: int, threshold: float
+) -> NDArray[np.int32]:
+    """Find the first pixel (N, 2) of each block that equals the maximum around it."""
+    side = radius + 1
+    rows = -(-(response.shape[0] - 2 * radius) // side)
+    columns = -(-(response.shape[1] - 2 * radius) // side)
+    full = np.zeros((rows, columns), np.bool_)
+    found = np.empty((full.size, 2), np.int32)
+    count, least = 0, np.float32(threshold)
+    for v in range(radius, radius + rows * side):
+        for u in range(radius, radius + columns * side):
+            # One condition for both: two would be mispredicted at every other pixel.
+            if response[v, u] < max(least, around[v, u]):
                 continue
-            if _is_maximum(response, u, v, radius, margin):
-                found[count, 0], found[count, 1] = u, v
+            block = (v - radius) // side, (u - radius) // side
+            if not full[block]:
+                full[block] = True
+                found[count] = u, v
                 count += 1
     return found[:count].copy()
-
-
-@njit(cache=True)
-def _is_maximum(response: NDArray[np.float32], u: int, v: int, radius: int, margin: int) -> bool:
-    height, width = response.shape
-    for row in range(v - radius, min(v + radius, height - 1 - margin) + 1):
-        for column in range(u - radius, min(u + radius, width - 1 - margin) + 1):
-            if response[row, column] > response[v, u]:
-                return False
-    return True
 
 
 def gradients(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -206,4 +210,5 @@ def smooth(image: NDArray[np.uint8], deviation: float) -> NDArray[np.uint8]:
     Brightening keeps the contrast of thin contours.
     """
     blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), deviation)
-    return np.clip(blurred * 1.5 * deviation, 0, 255).astype(np.uint8)
+    blurred *= np.float32(1.5 * deviation)
+    return np.minimum(blurred, np.float32(255), out=blurred).astype(np.uint8)
