@@ -13,20 +13,16 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gpvo.config.stages import CompensationConfig
 from gpvo.events import RectifiedEvents, StereoCluster
+from gpvo.tracking.event_sums import CELL, Flow, add_events, mean_delays, motion_at
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.resolutions import from_full_resolution
 
 Array = NDArray[np.float64]
-Flow = NDArray[np.float32]
-"""(height, width, 2) image motion, pixels per second."""
 
-CELL = 8
-"""Side of the cells of averaged image motion, pixels; motion is interpolated between cells."""
 PULL = 0.05
 """Weight of the median motion, where a feature at the centre of a cell has the weight 1."""
 STILL = 0.05
@@ -46,35 +42,39 @@ class CompensatedImage:
     reference
         Reference time, seconds.
     flow
-        Image motion along which the events were moved.
-    count
-        (height, width) events per pixel; each is shared among the four pixels around it.
-    delay
-        (height, width) sum of the times of these events after the reference time, seconds.
+        Image motion along which the events were moved, cell by cell.
+    sums
+        (height, width, 2) number of events of each pixel, and sum of their times after the
+        reference time, seconds. Each event is shared among the four pixels around it.
     """
 
     reference: float
     flow: Flow
-    count: Array
-    delay: Array
+    sums: Array
 
     @staticmethod
-    def of_events(events: RectifiedEvents, flow: Flow, reference: float) -> CompensatedImage:
-        """Move events along the image motion (pixels per second) to a time (seconds)."""
-        count, delay = np.zeros((2, *flow.shape[:2]))
-        _splat(events.points, events.t - reference, flow, count, delay)
-        return CompensatedImage(reference, flow, count, delay)
+    def of_events(
+        events: RectifiedEvents, flow: Flow, reference: float, shape: tuple[int, int]
+    ) -> CompensatedImage:
+        """Move events along the image motion to a time (seconds), in an image (height, width)."""
+        sums = np.zeros((*shape, 2))
+        add_events(events.points, events.t, reference, flow, sums)
+        return CompensatedImage(reference, flow, sums)
 
     def held(self, reference: float) -> CompensatedImage:
         """Return the same image at a later time, when nothing has moved."""
-        return CompensatedImage(
-            reference, np.zeros_like(self.flow), self.count, np.zeros_like(self.delay)
-        )
+        return CompensatedImage(reference, np.zeros_like(self.flow), self.sums * [1.0, 0.0])
+
+    @property
+    def count(self) -> Array:
+        """Events per pixel (height, width)."""
+        return self.sums[..., 0]
 
     @property
     def picture(self) -> NDArray[np.uint8]:
         """Image (height, width) 255 (1 - exp(-count))."""
-        return np.rint(255 * (1 - np.exp(-self.count.astype(np.float32)))).astype(np.uint8)
+        absent = np.exp(-self.count.astype(np.float32))
+        return np.asarray(cv2.convertScaleAbs(absent, alpha=-255, beta=255), np.uint8)
 
     def at_own_times(self, points: Array, radius: float) -> tuple[Array, Array]:
         """Move points (N, 2) of the picture to the mean times (N,) of their events; return both.
@@ -83,10 +83,8 @@ class CompensatedImage:
         picture is off by that error times the mean delay of its events. The way back is off by the
         same amount, so that the errors cancel.
         """
-        later = _mean_delays(self.count, self.delay, points, radius)
-        height, width = self.count.shape
-        column, row = np.clip(np.rint(points).astype(int), 0, (width - 1, height - 1)).T
-        return points + later[:, None] * self.flow[row, column], self.reference + later
+        later = mean_delays(self.sums, points, radius)
+        return points + later[:, None] * motion_at(self.flow, points), self.reference + later
 
 
 class MotionCompensation:
@@ -115,10 +113,12 @@ class MotionCompensation:
         if self.at_rest:
             left, right = (image.held(middle) for image in self._images[-1])
         else:
+            height, width = cluster.left.surface_of_active_events.shape
+            shape = height // self._side, width // self._side
             left, right = (
-                CompensatedImage.of_events(self._scaled(image.events()), flow, middle)
+                CompensatedImage.of_events(self._scaled(image.events()), flow, middle, shape)
                 for image, flow in zip(
-                    (cluster.left, cluster.right), self._flows(cluster), strict=True
+                    (cluster.left, cluster.right), self._flows(shape), strict=True
                 )
             )
         self._images.append((left, right))
@@ -157,11 +157,9 @@ class MotionCompensation:
         known = seen if self._recent is None else Observations.concatenate([self._recent, seen])
         self._recent = known[known.frame >= self._frame_count - 2]
 
-    def _flows(self, cluster: StereoCluster) -> tuple[Flow, Flow]:
+    def _flows(self, shape: tuple[int, int]) -> tuple[Flow, Flow]:
         """Estimate left and right image motion between the two latest clusters; 0 if unknown."""
-        height, width = cluster.left.surface_of_active_events.shape
-        shape = height // self._side, width // self._side
-        nothing: Flow = np.zeros((*shape, 2), np.float32)
+        nothing: Flow = np.zeros((1, 1, 2), np.float32)
         if self._recent is None or len(self._images) < 2:
             return nothing, nothing
         seen, (before, latest) = self._recent, list(self._images)[-2:]
@@ -181,11 +179,12 @@ class MotionCompensation:
 def flow_between(
     earlier: Array, later: Array, dt: float, shape: tuple[int, int], reach: float
 ) -> Flow:
-    """Estimate the image motion of all pixels from features that moved within dt seconds.
+    """Estimate the image motion of all cells from features that moved within dt seconds.
 
-    `earlier` and `later` are the pixels (N, 2) of the same features, and `shape` is that of the
-    image. The motion is the mean of the features' motions, weighted by a Gaussian of the distance
-    with the standard deviation `reach` pixels. Far from all features it is their median motion.
+    `earlier` and `later` are the pixels (N, 2) of the same features, and `shape` is (height, width)
+    of the image. The motion is the mean of the features' motions, weighted by a Gaussian of the
+    distance with the standard deviation `reach` pixels. Far from all features it is their median
+    motion.
     """
     height, width = shape
     motion = (later - earlier) / dt
@@ -194,42 +193,4 @@ def flow_between(
     down = np.exp(-(((rows[:, None] - later[:, 1]) / reach) ** 2) / 2)
     total = np.stack([(down * part) @ across.T for part in motion.T], axis=-1)
     mean = (total + PULL * np.median(motion, axis=0)) / (down @ across.T + PULL)[..., None]
-    large = cv2.resize(mean.astype(np.float32), (len(columns) * CELL, len(rows) * CELL))
-    return np.asarray(large[:height, :width], np.float32)
-
-
-@njit(cache=True)
-def _splat(points: Array, delays: Array, flow: Flow, count: Array, delay: Array) -> None:
-    """Add events to the four pixels around their positions at the reference time (bilinear)."""
-    height, width = count.shape
-    for i in range(len(delays)):
-        u, v = points[i]
-        motion = flow[min(int(np.rint(v)), height - 1), min(int(np.rint(u)), width - 1)]
-        u, v = u - delays[i] * motion[0], v - delays[i] * motion[1]
-        if not (0 <= u < width - 1 and 0 <= v < height - 1):
-            continue
-        column, row = int(u), int(v)
-        right, low = u - column, v - row
-        for y, share in ((row, 1 - low), (row + 1, low)):
-            count[y, column] += share * (1 - right)
-            count[y, column + 1] += share * right
-            delay[y, column] += share * (1 - right) * delays[i]
-            delay[y, column + 1] += share * right * delays[i]
-
-
-@njit(cache=True)
-def _mean_delays(count: Array, delay: Array, points: Array, radius: float) -> Array:
-    """Compute the mean delay (N,) of the events within a radius of points (N, 2); 0 if none."""
-    height, width = count.shape
-    means = np.zeros(len(points))
-    for i in range(len(points)):
-        u, v = points[i]
-        events = total = 0.0
-        for row in range(max(0, int(np.ceil(v - radius))), min(height - 1, int(v + radius)) + 1):
-            half = np.sqrt(max(radius**2 - (row - v) ** 2, 0.0))
-            first, last = max(0, int(np.ceil(u - half))), min(width - 1, int(u + half))
-            for column in range(first, last + 1):
-                events += count[row, column]
-                total += delay[row, column]
-        means[i] = total / events if events > 0 else 0.0
-    return means
+    return np.asarray(mean, np.float32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,9 +11,9 @@ from hypothesis import strategies as st
 from gpvo.config.stages import CompensationConfig
 from gpvo.events import ClusterEvents, RectifiedEvents, StereoCluster
 from gpvo.tracking import Observations
+from gpvo.tracking.event_sums import CELL, Flow, motion_at
 from gpvo.tracking.motion_compensation import (
     CompensatedImage,
-    Flow,
     MotionCompensation,
     flow_between,
 )
@@ -26,7 +27,7 @@ motions = st.tuples(st.floats(-120, 120), st.floats(-120, 120)).map(np.array)
 
 
 def constant_flow(motion: np.ndarray) -> Flow:
-    return np.broadcast_to(motion, (*SHAPE, 2)).astype(np.float32)
+    return np.full((1, 1, 2), motion, np.float32)
 
 
 def spot(place: np.ndarray, motion: np.ndarray, seed: int, count: int = 400) -> RectifiedEvents:
@@ -54,7 +55,7 @@ def test_a_wrong_image_motion_cancels_at_the_events_own_time(
 ) -> None:
     place = np.array([40.0, 30.0])
     events = spot(place, true, seed)
-    image = CompensatedImage.of_events(events, constant_flow(assumed), MIDDLE)
+    image = CompensatedImage.of_events(events, constant_flow(assumed), MIDDLE, SHAPE)
     (found,), (time,) = image.at_own_times(centroid(image)[None], radius=25.0)
     np.testing.assert_allclose(time, events.t.mean(), atol=1e-9)
     np.testing.assert_allclose(found, events.points.mean(axis=0), atol=1e-4)
@@ -68,8 +69,8 @@ def test_the_right_image_motion_makes_pictures_as_sharp_as_a_still_camera(
 ) -> None:
     place = np.array([40.0, 30.0])
     moving, still = spot(place, motion, seed), spot(place, np.zeros(2), seed)
-    image = CompensatedImage.of_events(moving, constant_flow(motion), MIDDLE)
-    expected = CompensatedImage.of_events(still, constant_flow(np.zeros(2)), MIDDLE)
+    image = CompensatedImage.of_events(moving, constant_flow(motion), MIDDLE, SHAPE)
+    expected = CompensatedImage.of_events(still, constant_flow(np.zeros(2)), MIDDLE, SHAPE)
     np.testing.assert_allclose(image.count, expected.count, atol=1e-3)
     np.testing.assert_array_less(np.abs(image.picture.astype(int) - expected.picture), 2)
 
@@ -79,7 +80,14 @@ def test_the_right_image_motion_makes_pictures_as_sharp_as_a_still_camera(
 def test_equal_motion_of_all_features_is_that_of_all_pixels(seed: int, motion: np.ndarray) -> None:
     points = np.random.default_rng(seed).uniform(0, SHAPE[::-1], (20, 2))
     flow = flow_between(points, points + 0.02 * motion, 0.02, SHAPE, reach=10.0)
-    np.testing.assert_allclose(flow, constant_flow(motion), atol=1e-3)
+    anywhere = points + np.array([3.0, -40.0])
+    np.testing.assert_allclose(motion_at(flow, anywhere), np.tile(motion, (20, 1)), atol=1e-3)
+
+
+def pixels(first: int, last: int) -> np.ndarray:
+    """Return the pixels (N, 2) of some columns in the middle of the image."""
+    v, u = np.mgrid[15:45, first:last]
+    return np.column_stack([u.ravel(), v.ravel()]).astype(float)
 
 
 def test_image_motion_is_that_of_the_features_near() -> None:
@@ -88,8 +96,18 @@ def test_image_motion_is_that_of_the_features_near() -> None:
     step = np.array([1.0, 0.0])
     earlier, later = np.vstack([left, right]), np.vstack([left + step, right - step])
     flow = flow_between(earlier, later, 0.01, SHAPE, reach=8.0)
-    np.testing.assert_allclose(flow[15:45, 8:12, 0], 100, atol=2)
-    np.testing.assert_allclose(flow[15:45, 68:72, 0], -100, atol=2)
+    np.testing.assert_allclose(motion_at(flow, pixels(8, 12))[:, 0], 100, atol=2)
+    np.testing.assert_allclose(motion_at(flow, pixels(68, 72))[:, 0], -100, atol=2)
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=20)
+def test_image_motion_is_bilinear_between_the_middles_of_cells(seed: int) -> None:
+    flow = np.random.default_rng(seed).normal(0, 100, (5, 7, 2)).astype(np.float32)
+    large = cv2.resize(flow, (7 * CELL, 5 * CELL))
+    v, u = np.mgrid[: 5 * CELL, : 7 * CELL]
+    found = motion_at(flow, np.column_stack([u.ravel(), v.ravel()]).astype(float))
+    np.testing.assert_allclose(found, large.reshape(-1, 2), atol=1e-3)
 
 
 def cluster_at(start: float, events: RectifiedEvents, noise_count: float = 0.0) -> StereoCluster:
