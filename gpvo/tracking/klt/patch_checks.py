@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def patch_correlation(
     first: Image, first_points: Points, second: Image, second_points: Points, radius: int
 ) -> NDArray[np.float64]:
@@ -35,7 +34,7 @@ def patch_correlation(
     return correlation
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sample(image: Image, u: float, v: float, radius: int, patch: NDArray[np.float64]) -> None:
     """Sample the patch around (u, v) bilinearly, row by row."""
     height, width = image.shape
@@ -52,15 +51,22 @@ def _sample(image: Image, u: float, v: float, radius: int, patch: NDArray[np.flo
             k += 1
 
 
+@njit(cache=True, nogil=True)
 def row_gradient(image: Image, points: Points, radius: int) -> NDArray[np.float64]:
     """Compute the root mean square (N,) of the gradient along the row in patches.
 
     It is in grey levels per pixel. Patches are 2 radius + 1 pixels wide and high, at the whole
-    pixels nearest to points (N, 2).
+    pixels nearest to points (N, 2); the border of an image is repeated beyond it.
     """
-    gradient = cv2.filter2D(image, cv2.CV_32F, np.array([[-0.5, 0.0, 0.5]], np.float32))
-    side = 2 * radius + 1
-    energy = cv2.blur(gradient * gradient, (side, side))
-    last = np.array(image.shape[::-1]) - 1
-    column, row = np.clip(np.rint(points), 0, last).astype(np.int64).T
-    return np.sqrt(energy[row, column].astype(np.float64))
+    height, width = image.shape
+    gradient = np.zeros(len(points))
+    for i in range(len(points)):
+        u, v = int(np.rint(points[i, 0])), int(np.rint(points[i, 1]))
+        total = 0
+        for row in range(v - radius, v + radius + 1):
+            y = min(max(row, 0), height - 1)
+            for column in range(u - radius, u + radius + 1):
+                before, after = max(min(column, width) - 1, 0), min(max(column, -1) + 1, width - 1)
+                total += (int(image[y, after]) - int(image[y, before])) ** 2
+        gradient[i] = np.sqrt(total / 4) / (2 * radius + 1)
+    return gradient

@@ -1,0 +1,102 @@
+"""Kernels of patches whose rows lie one after the other, so that their sums are single loops."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Level = NDArray[np.float32]
+"""Image of a pyramid's level, with a border around it."""
+Row = NDArray[np.float32]
+"""Rows of a patch, one after the other."""
+Corners = tuple[float, float, float, float]
+"""Values at four pixels around a place: the first, right of it, below it, and both."""
+
+FAST = {"reassoc", "contract", "nsz"}
+"""Sums may be made in any order, but it is the same in every run."""
+
+
+@njit(cache=True, nogil=True)
+def copy_patch(image: Level, u: float, v: float, rows: int, width: int, patch: Row) -> None:
+    """Copy the pixels from (u, v), rounded down, on."""
+    left, top, columns = np.uint64(u), np.uint64(v), np.uint64(width)  # no negative indices
+    for row in range(np.uint64(rows)):
+        for column in range(columns):
+            patch[row * columns + column] = image[top + row, left + column]
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def interpolate(window: Row, x: float, y: float, width: int, samples: Row) -> None:
+    """Sample a window at (x, y) from its pixels, bilinearly."""
+    n = len(window) - width - 2
+    weights = corner_weights(x, y)
+    a, b = np.float32(weights[0]), np.float32(weights[1])
+    c, d = np.float32(weights[2]), np.float32(weights[3])
+    right, below, both = window[1:], window[width:], window[width + 1 :]
+    for k in range(n):
+        samples[k] = a * window[k] + b * right[k] + c * below[k] + d * both[k]
+
+
+@njit(cache=True, nogil=True)
+def corner_weights(x: float, y: float) -> Corners:
+    """Compute the weights of the four pixels around a place (x, y) from the first of them."""
+    return (1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def differentiate(samples: Row, width: int, across: Row, down: Row) -> None:
+    """Compute the gradients of a patch after Scharr; samples have a margin of a pixel."""
+    edge, middle = np.float32(3 / 32), np.float32(10 / 32)
+    nw, n, ne = samples, samples[1:], samples[2:]
+    w, e = samples[width:], samples[width + 2 :]
+    sw, s, se = samples[2 * width :], samples[2 * width + 1 :], samples[2 * width + 2 :]
+    for k in range(len(across)):
+        across[k] = edge * (ne[k] - nw[k] + se[k] - sw[k]) + middle * (e[k] - w[k])
+    for k in range(len(down)):
+        down[k] = edge * (sw[k] - nw[k] + se[k] - ne[k]) + middle * (s[k] - n[k])
+
+
+@njit(cache=True, nogil=True)
+def clear_outside(
+    columns: tuple[int, int], rows: tuple[int, int], width: int, across: Row, down: Row
+) -> None:
+    """Clear gradients but those in the columns and rows of a patch, which end before (_, end)."""
+    for row in range(len(across) // width):
+        start = row * width
+        left = columns[0] if rows[0] <= row < rows[1] else width
+        for k in range(start, start + left):
+            across[k] = down[k] = 0
+        for k in range(start + columns[1], start + width):
+            across[k] = down[k] = 0
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def dot(a: Row, b: Row) -> float:
+    total = np.float32(0)
+    for k in range(len(b)):
+        total += a[k] * b[k]
+    return float(total)
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def corner_sums(window: Row, gradient: Row, width: int) -> Corners:
+    """Sum the products of a gradient with the window, a pixel to the right, below, and both."""
+    right, below, both = window[1:], window[width:], window[width + 1 :]
+    a = b = c = d = np.float32(0)
+    for k in range(len(gradient)):
+        a += window[k] * gradient[k]
+        b += right[k] * gradient[k]
+        c += below[k] * gradient[k]
+        d += both[k] * gradient[k]
+    return float(a), float(b), float(c), float(d)
+
+
+@njit(cache=True, nogil=True)
+def weighted_sum(weights: Corners, values: Corners) -> float:
+    return (
+        weights[0] * values[0]
+        + weights[1] * values[1]
+        + weights[2] * values[2]
+        + weights[3] * values[3]
+    )
