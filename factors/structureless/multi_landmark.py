@@ -141,8 +141,13 @@ class StructurelessStereoFactor(Factor):
 
         One whose rays diverge fits best beyond infinity: a point behind the cameras.
         """
-        window = self.window
-        return window.landmarks.number, window.fit(*window.between.read(values)).points()
+        fit = self.window.fit(*self.window.between.read(values))
+        return self.landmark_numbers, fit.points()
+
+    @property
+    def landmark_numbers(self) -> Index:
+        """Landmarks (L,), increasing, those of the prior as well."""
+        return self.window.landmarks.number
 
     def states_between(self, values: gtsam.Values) -> StatesBetween:
         """Return the states at the measurements' own times, given those of the graph."""

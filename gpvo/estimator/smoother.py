@@ -161,7 +161,7 @@ class FixedLagSmoother:
         if key not in keys:
             raise ValueError(f"{gtsam.DefaultKeyFormatter(key)} is not in the window")
         own = slice(6 * keys.index(key), 6 * keys.index(key) + 6)
-        return self._covariance()[own, own]
+        return self._covariance()[own, own].copy()
 
     @property
     def landmarks(self) -> tuple[NDArray[np.int64], Array]:
@@ -225,6 +225,7 @@ class FixedLagSmoother:
 
     def _start_smoother(self) -> None:
         self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, isam_parameters())
+        self._solved_covariance: Array | None = None  # needed several times between two updates
         # While Python holds it, GTSAM does not copy all values for each factor written in Python.
         self._linearization_point = self._smoother.getLinearizationPoint()
 
@@ -254,8 +255,8 @@ class FixedLagSmoother:
         factor = self._landmarks.factor
         if noise.measurement_memory > 0 and factor is not None and self._errors.is_due(t):
             values = self._window.values()
-            number, _ = factor.landmarks(values)
-            self._errors.learn(t, factor.residuals(values), len(number))
+            landmarks = len(factor.landmark_numbers)
+            self._errors.learn(t, factor.residuals(values), landmarks)
             learned["measurement_information"] = tuple(self._errors.information.tolist())
         self._build.noise = noise.model_copy(update=learned)
 
@@ -394,7 +395,7 @@ class FixedLagSmoother:
         if self._leaving:
             self._final.append(correct_final_states(self._old, newest[:1])[:-1])
         self._leave(newest)
-        self._solved = len(newest)
+        self._solved, self._solved_covariance = len(newest), None
         self._between = self._landmarks.states_between(self._window)
 
     def _leave(self, stays: States) -> None:
@@ -448,10 +449,13 @@ class FixedLagSmoother:
 
     def _covariance(self) -> Array:
         """(12 K, 12 K) of the key states that were solved; the prior's alone if GTSAM has none."""
+        if self._solved_covariance is not None:
+            return self._solved_covariance
         numbers = self.window[: self._solved]
         try:
             covariance = joint_covariance(self._smoother.getISAM2(), numbers)
             if np.isfinite(covariance).all():
+                self._solved_covariance = covariance
                 return covariance
         except FAILURES:
             pass
