@@ -86,6 +86,9 @@ class Recorder:
         """There are none."""
         return States()
 
+    def latest(self) -> None:
+        """There is none."""
+
     def trajectory(self, start_ns: int = 0) -> None:
         """There is none."""
 
@@ -96,8 +99,8 @@ def tracklets_of(
     """The inlier tracklets of the first clusters, and the seconds that each took to get."""
     recorder = Recorder()
     odometry = Odometry(recording.rig, configuration, estimator=recorder)
-    for cluster in islice(odometry.clusters(recording.event_batches()), clusters):
-        odometry.process(cluster)
+    for _ in islice(odometry.reports_of(recording.event_batches()), clusters):
+        pass
     front_end = float(np.mean(np.diff(recorder.began)[WARM_UP:]))
     return odometry.camera, recorder.updates, front_end
 

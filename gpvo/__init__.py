@@ -3,17 +3,20 @@
 from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.estimator import FixedLagSmoother, InitialState
+from gpvo.live import LiveOdometry
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
 from gpvo.tracking import Measurements
-from gpvo.trajectory import Trajectory
+from gpvo.trajectory import MotionEstimate, Trajectory
 
 __all__ = [
     "Configuration",
     "FixedLagSmoother",
     "InitialState",
     "InputError",
+    "LiveOdometry",
     "Measurements",
+    "MotionEstimate",
     "Odometry",
     "Recording",
     "Trajectory",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from gpvo.config import Configuration, for_camera, in_full_pixels
-from gpvo.events import StereoCluster, cluster_events
+from gpvo.events import Clustering, StereoCluster
 from gpvo.mc_ransac import VelocityFit, mc_ransac, segments_between
 from gpvo.recordings import StereoEvents, StereoRig
 from gpvo.tracking import (
@@ -74,6 +74,8 @@ class FrontEnd:
         Covariances of motion and measurements, in pixels of the sensor.
     rng
         Random numbers for MC-RANSAC's samples.
+    clustering
+        Cuts the events into clusters, each to be processed before the next one is taken.
     """
 
     def __init__(
@@ -86,7 +88,6 @@ class FrontEnd:
         self.camera = StereoCamera(
             rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
         )
-        self._rig = rig
         self.configuration = for_camera(configuration, rig.left.resolution)
         full = in_full_pixels(self.configuration)
         self.noise = full.noise
@@ -97,11 +98,11 @@ class FrontEnd:
         self._tracklets = Tracklets(full.tracklets)
         self._tracked_pixel = full.tracking.pixel
         self._stage = stage
+        self.clustering = Clustering(rig, self.configuration.clustering, self.image_speed)
 
     def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
         """Cut a stream into clusters, each to be processed before the next one is taken."""
-        clustering = self.configuration.clustering
-        return cluster_events(batches, self._rig, clustering, self.image_speed)
+        return self.clustering.clusters(batches)
 
     def image_speed(self) -> float | None:
         """Return the speed of the features in the latest clusters, tracked pixels per second.

@@ -18,6 +18,7 @@ from gpvo.estimator import Estimator, make_estimator, one_blas_thread
 from gpvo.events import StereoCluster
 from gpvo.front_end import FrontEnd
 from gpvo.lost_stage import EARLY, is_lost, lost_stage
+from gpvo.observer import Observer, Step, no_observer
 from gpvo.recordings import Recording, StereoEvents, StereoRig
 from gpvo.tracking import Tracker
 from gpvo.trajectory import Trajectory
@@ -34,7 +35,8 @@ class Odometry:
     >>> trajectory = odometry.run(recording)
 
     `stage`, if given, is entered around every stage with the stage's name, to time it. `tracker`
-    and `estimator` take the place of those that the configuration names. If most clusters of the
+    and `estimator` take the place of those that the configuration names. `observer` is called with
+    a `Step` after each cluster. If most clusters of the
     first two seconds have no inliers, a warning says where landmarks are lost.
     """
 
@@ -45,9 +47,10 @@ class Odometry:
         stage: Callable[[str], AbstractContextManager[Any]] = nullcontext,
         tracker: Tracker | None = None,
         estimator: Estimator | None = None,
+        observer: Observer = no_observer,
     ) -> None:
         self.reports: list[ClusterReport] = []
-        self._stage = stage
+        self._stage, self._observer = stage, observer
         self._is_early = True
         self._front_end = FrontEnd(rig, configuration or Configuration(), tracker, stage)
         self.configuration = self._front_end.configuration
@@ -73,8 +76,7 @@ class Odometry:
             If the events are faulty, or no landmark could be tracked in any cluster.
         """
         batches = prefetched(recording.event_batches(start, start + duration))
-        for cluster in self.clusters(batches):
-            report = self.process(cluster)
+        for report in self.reports_of(batches):
             if progress is not None:
                 progress(report)
         trajectory = self.trajectory(recording.start_ns)
@@ -84,14 +86,28 @@ class Odometry:
             )
         return trajectory
 
-    def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
-        """Cut a stream into clusters, each to be processed before the next one is taken."""
-        return self._staged("events and clustering", self._front_end.clusters(batches))
+    def reports_of(self, batches: Iterable[StereoEvents]) -> Iterator[ClusterReport]:
+        """Estimate the motion during a whole stream, and report every cluster."""
+        for batch in batches:
+            yield from self.push(batch)
+        yield from self.end()
 
-    def process(self, cluster: StereoCluster) -> ClusterReport:
-        """Estimate the motion during one more cluster, the next in time."""
-        with one_blas_thread():
-            return self._process(cluster)
+    def push(self, batch: StereoEvents) -> Iterator[ClusterReport]:
+        """Estimate the motion during the clusters that the next batch completes, and report them.
+
+        A batch that starts later than the one before stopped follows time without data.
+        """
+        return self._reports(self._front_end.clustering.add(batch))
+
+    def end(self) -> Iterator[ClusterReport]:
+        """Estimate the motion during what is left after the last batch."""
+        return self._reports(self._front_end.clustering.end())
+
+    def _reports(self, clusters: Iterator[StereoCluster]) -> Iterator[ClusterReport]:
+        for cluster in self._staged("events and clustering", clusters):
+            with one_blas_thread():
+                report = self._process(cluster)
+            yield report
 
     def _process(self, cluster: StereoCluster) -> ClusterReport:
         tracked = self._front_end.process(cluster)
@@ -99,6 +115,7 @@ class Odometry:
             self.estimator.update(cluster.stop, tracked.measurements, tracked.velocity_estimate)
         self.reports.append(ClusterReport.of(cluster, tracked))
         self._warn_if_lost()
+        self._observer(Step(cluster, tracked, self.reports[-1], self.estimator))
         return self.reports[-1]
 
     def _warn_if_lost(self) -> None:

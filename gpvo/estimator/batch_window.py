@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
+from factors.lie import se3_inverse
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.batch_graph import Window
 from gpvo.estimator.diagnostics import (
@@ -30,6 +31,7 @@ from gpvo.estimator.state_times import Lag, state_times
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements, seen_twice
 from gpvo.trajectory.covariance_knots import CovarianceKnots
+from gpvo.trajectory.motion_estimate import MotionEstimate
 from gpvo.trajectory.states import States, later_states
 from gpvo.trajectory.trajectory import Trajectory
 
@@ -146,6 +148,20 @@ class SlidingWindow:
         knots = CovarianceKnots.joined([*self._knots, latest])
         states = States.concatenate([*self._final, self._states])
         return Trajectory.of_states(states, knots, self._build.noise, start_ns)
+
+    def latest(self) -> MotionEstimate | None:
+        """Return the newest state, in constant time; None before the second state."""
+        if len(self._states) < 2:
+            return None
+        knots = self._knots_until(self._states.t[-1], self._measurements)
+        first = self._final[0] if self._final else self._states
+        return MotionEstimate(
+            float(self._states.t[-1]),
+            se3_inverse(first.T_world_cam[0]) @ self._states.T_world_cam[-1],
+            self._states.twist[-1],
+            knots.joint[-1, 12:, 12:],
+            np.array(self._build.noise.acceleration_psd),
+        )
 
     def final_states(self, after: float = -np.inf) -> States:
         """Return states later than `after`, seconds, that will not change any more."""

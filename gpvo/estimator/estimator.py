@@ -12,6 +12,7 @@ from gpvo.estimator.diagnostics import Diagnostic
 from gpvo.estimator.smoother import FixedLagSmoother
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements
+from gpvo.trajectory.motion_estimate import MotionEstimate
 from gpvo.trajectory.states import States
 from gpvo.trajectory.trajectory import Trajectory
 
@@ -40,6 +41,10 @@ class Estimator(Protocol):
 
     def final_states(self, after: float = ...) -> States:
         """Return states later than `after`, seconds, that will not change any more."""
+        ...
+
+    def latest(self) -> MotionEstimate | None:
+        """Return the newest state, in constant time; None before the first measurement."""
         ...
 
     def trajectory(self, start_ns: int = ...) -> Trajectory | None:

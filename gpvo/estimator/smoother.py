@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from factors import StatesBetween, StereoCamera
 from factors.inner_factor import InnerFactor
+from factors.lie import se3_inverse
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.blas_threads import one_blas_thread
 from gpvo.estimator.diagnostics import Diagnostic, split_usable
@@ -35,6 +36,7 @@ from gpvo.estimator.window_landmarks import WindowLandmarks, merged_states
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.covariance_knots import CovarianceKnots
+from gpvo.trajectory.motion_estimate import MotionEstimate
 from gpvo.trajectory.states import States, later_states
 from gpvo.trajectory.trajectory import Trajectory
 
@@ -208,6 +210,21 @@ class FixedLagSmoother:
         states = States.concatenate([*self._final, inside])
         from_first = not self._has_world
         return Trajectory.of_states(states, knots, self._build.noise, start_ns, from_first)
+
+    def latest(self) -> MotionEstimate | None:
+        """Return the newest state, in constant time; None before the first measurement."""
+        if self._solved == 0:
+            return None
+        with one_blas_thread():
+            covariance = self._covariance()[-12:, -12:].copy()
+        T, first = self._keys.T_world_cam[-1], self._final[0] if self._final else self._keys
+        return MotionEstimate(
+            float(self._keys.t[-1]),
+            T if self._has_world else se3_inverse(first.T_world_cam[0]) @ T,
+            self._keys.twist[-1],
+            covariance,
+            np.array(self._build.noise.acceleration_psd),
+        )
 
     def final_states(self, after: float = -np.inf) -> States:
         """Return states later than `after`, seconds, that will not change any more."""

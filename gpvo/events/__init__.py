@@ -2,6 +2,7 @@
 
 from gpvo.events.clustering import (
     ClusterEvents,
+    Clustering,
     RectifiedEvents,
     StereoCluster,
     cluster_events,
@@ -9,6 +10,7 @@ from gpvo.events.clustering import (
 
 __all__ = [
     "ClusterEvents",
+    "Clustering",
     "RectifiedEvents",
     "StereoCluster",
     "cluster_events",

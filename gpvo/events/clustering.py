@@ -112,50 +112,89 @@ class StereoCluster:
     flash: float = 0.0
 
 
+class Clustering:
+    """Cuts a stereo event stream into clusters, however it comes in batches.
+
+    A cluster ends after `config.window` seconds, or as soon as either camera has too many events;
+    see `ClusterLength`. `image_speed` returns that of the features in the clusters so far, tracked
+    pixels/s, None if it is unknown. Flashes are left out.
+    """
+
+    def __init__(
+        self,
+        rig: StereoRig,
+        config: ClusteringConfig,
+        image_speed: Callable[[], float | None] = lambda: None,
+    ) -> None:
+        self._image_speed, self._skip_flashes = image_speed, config.skip_flashes
+        self._length, self._flashes, self._flash = ClusterLength(config, rig), FlashDetector(), 0.0
+        self._sides = [
+            _PendingEvents(camera, table, rig.resolution, config)
+            for camera, table in zip((rig.left, rig.right), rig.tables, strict=True)
+        ]
+        self._start = self._end = -np.inf
+
+    def add(self, batch: StereoEvents) -> Iterator[StereoCluster]:
+        """Yield the clusters that the next batch completes.
+
+        Each is to be processed before the next one is taken. A batch that starts later than the
+        one before stopped follows time without data, which is in no cluster.
+        """
+        if batch.start > self._end:
+            yield from self.end()
+            self._start = batch.start
+        self._end = batch.stop
+        for side, events in zip(self._sides, (batch.left, batch.right), strict=True):
+            side.add(events)
+        while (stop := self._next_stop()) <= self._end:
+            yield from self._without_flashes(self._take(stop))
+
+    def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
+        """Yield the clusters of a whole stream."""
+        for batch in batches:
+            yield from self.add(batch)
+        yield from self.end()
+
+    def end(self) -> Iterator[StereoCluster]:
+        """Yield the last cluster, unless the stream fills less than half of it."""
+        if self._end == self._start:
+            return
+        duration, limit = self._length.limits(self._image_speed())
+        full = (self._end - self._start) / duration, *(len(side) / limit for side in self._sides)
+        cluster = self._take(self._end)
+        if max(full) >= 0.5:
+            yield cluster
+            self._flash = 0.0
+
+    def _next_stop(self) -> float:
+        duration, limit = self._length.limits(self._image_speed())
+        return min(self._start + duration, *(side.full_at(limit) for side in self._sides))
+
+    def _take(self, stop: float) -> StereoCluster:
+        start, self._start = self._start, stop
+        left, right = (side.take(start, stop) for side in self._sides)
+        return StereoCluster(start, stop, left, right, self._flash)
+
+    def _without_flashes(self, cluster: StereoCluster) -> Iterator[StereoCluster]:
+        left, right, duration = cluster.left, cluster.right, cluster.stop - cluster.start
+        if self._skip_flashes and self._flashes.is_flash(
+            duration, max(left.coverage, right.coverage)
+        ):
+            self._flash += duration
+            return
+        self._length.add(max(left.event_count, right.event_count))
+        yield cluster
+        self._flash = 0.0
+
+
 def cluster_events(
     batches: Iterable[StereoEvents],
     rig: StereoRig,
     config: ClusteringConfig,
     image_speed: Callable[[], float | None] = lambda: None,
 ) -> Iterator[StereoCluster]:
-    """Cut a stereo event stream into clusters.
-
-    A cluster ends after `config.window` seconds, or as soon as either camera has too many events;
-    see `ClusterLength`. `image_speed` returns that of the features in the clusters so far, tracked
-    pixels/s, None if it is unknown. Flashes are left out. The last cluster is dropped if the stream
-    fills less than half of it.
-    """
-    length, flashes, flash = ClusterLength(config, rig), FlashDetector(), 0.0
-    sides = [
-        _PendingEvents(camera, table, rig.resolution, config)
-        for camera, table in zip((rig.left, rig.right), rig.tables, strict=True)
-    ]
-    start = end = None
-    for batch in batches:
-        start, end = batch.start if start is None else start, batch.stop
-        for side, events in zip(sides, (batch.left, batch.right), strict=True):
-            side.add(events)
-        while True:
-            duration, limit = length.limits(image_speed())
-            stop = min(start + duration, *(side.full_at(limit) for side in sides))
-            if stop > end:
-                break
-            left, right = (side.take(start, stop) for side in sides)
-            if config.skip_flashes and flashes.is_flash(
-                stop - start, max(left.coverage, right.coverage)
-            ):
-                flash += stop - start
-            else:
-                length.add(max(left.event_count, right.event_count))
-                yield StereoCluster(start, stop, left, right, flash)
-                flash = 0.0
-            start = stop
-    if start is None or end is None:
-        return
-    duration, limit = length.limits(image_speed())
-    if max((end - start) / duration, *(len(side) / limit for side in sides)) >= 0.5:
-        left, right = (side.take(start, end) for side in sides)
-        yield StereoCluster(start, end, left, right, flash)
+    """Cut a stereo event stream into clusters; see `Clustering`."""
+    return Clustering(rig, config, image_speed).clusters(batches)
 
 
 class _PendingEvents:
@@ -171,7 +210,6 @@ class _PendingEvents:
         self._table, self._resolution = table, resolution
         self._filter = EventFilter(camera.resolution, config)
         self._pixels = camera.resolution[0] * camera.resolution[1]
-        self._left_out = np.zeros(2, np.int64)
         self._events = Events.empty()
 
     def __len__(self) -> int:
@@ -192,15 +230,13 @@ class _PendingEvents:
         image = rectified_cluster(
             self._events.between(-np.inf, stop), self._table, self._resolution
         )
-        noise = self._filter.noise(start)
-        background, hot = (self._filter.dropped - self._left_out).tolist()
-        self._left_out[:] = self._filter.dropped
+        noise = self._filter.noise(start, stop)
         self._events = self._events.between(stop, np.inf)
         return replace(
             image,
             noise_rate=noise.rate,
             noise_count=noise.passing * self._pixels * (stop - start),
-            left_out=(background, hot),
+            left_out=self._filter.left_out(stop),
         )
 
 

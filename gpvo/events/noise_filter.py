@@ -34,6 +34,9 @@ LET_THROUGH = 0.25
 LEAST_HOT = 20
 """Number of recent events up to which a pixel is never judged hot."""
 
+KEPT, BACKGROUND, HOT = range(3)
+"""What became of an event."""
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -43,6 +46,8 @@ class Noise:
     ----------
     begin
         Seconds.
+    known
+        Time of the event that ended the window before, seconds.
     rate
         All of it; 0 before it is known.
     passing
@@ -50,6 +55,7 @@ class Noise:
     """
 
     begin: float
+    known: float
     rate: float
     passing: float
 
@@ -61,10 +67,7 @@ class EventFilter:
     "Frame-free dynamic digital vision", 2008). The time is set, or follows from the noise rate so
     that the share 1 - exp(-8 rate time) = LET_THROUGH of the noise passes.
 
-    Attributes
-    ----------
-    dropped
-        Numbers of events that were left out: background activity, and of hot pixels.
+    What it says of a time follows from the events before that time, however they come in batches.
     """
 
     def __init__(self, resolution: tuple[int, int], config: ClusteringConfig) -> None:
@@ -80,30 +83,48 @@ class EventFilter:
         self._support = config.background_filter or 0.0
         self._hot = config.hot_pixel_ratio
         self._window: int | None = None
-        self._noise = deque([Noise(-np.inf, 0.0, 0.0)])
-        self.dropped = np.zeros(2, np.int64)
+        self._noise = deque([Noise(-np.inf, -np.inf, 0.0, 0.0)])
+        self._left_out = [np.empty(0), np.empty(0)]
 
-    def noise(self, t: float) -> Noise:
-        """Return the background activity at a time, seconds, not before the one asked last."""
-        while len(self._noise) > 1 and self._noise[1].begin <= t:
+    def noise(self, start: float, stop: float) -> Noise:
+        """Return the background activity at `start` as the events before `stop` tell it, seconds.
+
+        Both are not before those asked last.
+        """
+        while len(self._noise) > 1 and self._noise[1].begin <= start:
+            if self._noise[1].known >= stop:
+                break
             self._noise.popleft()
         return self._noise[0]
+
+    def left_out(self, stop: float) -> tuple[int, int]:
+        """Count the events before `stop`, seconds, that were left out since it was asked last.
+
+        They are background activity, and of hot pixels.
+        """
+        background, hot = (int(np.searchsorted(t, stop)) for t in self._left_out)
+        self._left_out = [self._left_out[0][background:], self._left_out[1][hot:]]
+        return background, hot
 
     def __call__(self, events: Events) -> Events:
         """Return the events that are not noise."""
         if not self._automatic and self._support == 0 and self._hot == 0:
             return events
-        keep = np.empty(len(events), np.bool_)
+        fate = np.empty(len(events), np.uint8)
         windows = np.floor_divide(events.t, WINDOW).astype(np.int64)
         borders = np.flatnonzero(np.diff(windows, prepend=windows[:1])).tolist()
         for first, last in pairwise([0, *borders, len(events)]):
             if last > first:
-                self._begin(int(windows[first]))
-                self._judge(events[first:last], keep[first:last])
-        return events if keep.all() else events[keep]
+                self._begin(int(windows[first]), float(events.t[first]))
+                self._judge(events[first:last], fate[first:last])
+        if not fate.any():
+            return events
+        for index, kind in enumerate((BACKGROUND, HOT)):
+            self._left_out[index] = np.append(self._left_out[index], events.t[fate == kind])
+        return events[fate == KEPT]
 
-    def _begin(self, window: int) -> None:
-        """Find the noise rate of the window that ended, if another one begins."""
+    def _begin(self, window: int, t: float) -> None:
+        """Find the noise rate of the window that ended, if one begins with the event at `t`."""
         if self._window is not None and window != self._window:
             rate, before = (
                 noise_rate(self._isolated, self._seen, self._exposure),
@@ -115,13 +136,13 @@ class EventFilter:
             if self._automatic:
                 self._support = support_time(rate) if noisy else 0.0
             share = 1 - np.exp(-8 * rate * self._support) if self._support > 0 else 1.0
-            self._noise.append(Noise(window * WINDOW, rate, rate * share if noisy else 0.0))
+            self._noise.append(Noise(window * WINDOW, t, rate, rate * share if noisy else 0.0))
             self._isolated[:], self._seen[:] = 0, 0
             self._count *= np.float32(0.5)
         self._window = window
 
-    def _judge(self, events: Events, keep: NDArray[np.bool_]) -> None:
-        """Write which of the events (N,) of one window are kept."""
+    def _judge(self, events: Events, fate: NDArray[np.uint8]) -> None:
+        """Write what becomes of the events (N,) of one window."""
         _judge(
             events.x,
             events.y,
@@ -132,8 +153,7 @@ class EventFilter:
             self._seen,
             self._support,
             self._hot,
-            keep,
-            self.dropped,
+            fate,
         )
 
 
@@ -177,15 +197,13 @@ def _judge(
     seen: NDArray[np.int64],
     support: float,
     hot: float,
-    keep: NDArray[np.bool_],
-    dropped: NDArray[np.int64],
+    fate: NDArray[np.uint8],
 ) -> None:
     for i in range(len(t)):
         row, column = int(y[i]) + 1, int(x[i]) + 1
         count[row, column] += 1
         if hot > 0 and count[row, column] > LEAST_HOT and _is_hot(count, row, column, hot):
-            keep[i] = False
-            dropped[1] += 1
+            fate[i] = HOT
             continue
         latest[row, column] = newest = -np.inf
         for v in range(row - 1, row + 2):
@@ -194,8 +212,8 @@ def _judge(
         latest[row, column] = t[i]
         seen[y[i] // BLOCK, x[i] // BLOCK] += 1
         isolated[y[i] // BLOCK, x[i] // BLOCK] += t[i] - newest > ISOLATED
-        keep[i] = support == 0 or t[i] - newest <= support
-        dropped[0] += not keep[i]
+        alone = support > 0 and t[i] - newest > support
+        fate[i] = BACKGROUND if alone else KEPT
 
 
 @njit(cache=True, nogil=True)

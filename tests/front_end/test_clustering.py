@@ -113,6 +113,18 @@ def test_clusters_do_not_depend_on_the_batches(
             np.testing.assert_array_equal(x.surface_of_active_events, y.surface_of_active_events)
             assert x.event_count == y.event_count
             assert x.contour_count == y.contour_count
+            assert (x.noise_rate, x.left_out) == (y.noise_rate, y.left_out)
+
+
+@given(seeds, st.floats(0.2, 0.8), st.floats(0.01, 0.2))
+@settings(deadline=None, max_examples=30)
+def test_time_without_data_is_in_no_cluster(seed: int, stop: float, missing: float) -> None:
+    left, right = random_stream(seed)
+    before, _, after = event_batches(left, right, [stop, stop + missing])
+    found = list(cluster_events([before, after], RIG, ClusteringConfig(window=0.1)))
+    assert all(a.stop <= b.start for a, b in pairwise(found))
+    assert all(cluster.stop <= stop or cluster.start >= stop + missing for cluster in found)
+    assert any(cluster.start == stop + missing for cluster in found)
 
 
 @given(seeds, cut_lists)

@@ -158,8 +158,7 @@ def test_it_is_said_once_after_two_seconds(
     odometry = Odometry(blank.rig)
     said = []
     with caplog.at_level(logging.WARNING, logger="gpvo.odometry"):
-        for cluster in odometry.clusters(blank.event_batches()):
-            odometry.process(cluster)
+        for _ in odometry.reports_of(blank.event_batches()):
             said.append(len(caplog.messages))
     early = [report.stop - odometry.reports[0].start < EARLY for report in odometry.reports]
     assert said == [0 if before else 1 for before in early] and 1 in said

@@ -110,8 +110,9 @@ def test_hot_pixel_that_calms_down_is_forgotten() -> None:
     noise_filter = EventFilter(size, config)
     kept = noise_filter(together(calm, hot))
     assert len(kept.between(2.0, 4.0)) == len(calm.between(2.0, 4.0))
-    assert len(hot) - 1000 < noise_filter.dropped[1] < len(hot) + 20
-    assert noise_filter.dropped[0] == 0
+    background, of_hot_pixel = noise_filter.left_out(np.inf)
+    assert len(hot) - 1000 < of_hot_pixel < len(hot) + 20
+    assert background == 0
 
 
 def test_without_filters_events_are_untouched() -> None:
@@ -128,8 +129,8 @@ def test_clean_stream_is_left_alone(seed: int, cuts: list[int]) -> None:
     for first, last in pairwise([0, *sorted(cuts), len(events)]):
         batch = events[first:last]
         assert noise_filter(batch) is batch
-    assert noise_filter.dropped.sum() == 0
-    assert noise_filter.noise(2.0).passing == 0
+    assert noise_filter.left_out(np.inf) == (0, 0)
+    assert noise_filter.noise(2.0, np.inf).passing == 0
 
 
 @pytest.mark.parametrize("size", [(96, 64), (240, 180), (346, 260)])
@@ -143,13 +144,13 @@ def test_noise_rate_is_found_beside_moving_contours(
     events = together(noise, edge(size[0] // 2, size[1], 3.0)) if moving else noise
     noise_filter = EventFilter(size, ClusteringConfig())
     kept = noise_filter(events)
-    found = noise_filter.noise(3.0)
+    found = noise_filter.noise(3.0, np.inf)
     assert found.rate == pytest.approx(rate, rel=0.2)
     assert found.passing == pytest.approx(LET_THROUGH * found.rate)
     if not moving:  # of noise alone, what passes is what was expected
         share = len(kept.between(1.0, 3.0)) / len(noise.between(1.0, 3.0))
         assert share == pytest.approx(LET_THROUGH, rel=0.2)
-        assert noise_filter.dropped.sum() == len(noise) - len(kept)
+        assert sum(noise_filter.left_out(np.inf)) == len(noise) - len(kept)
 
 
 def test_contours_stay_while_noise_goes() -> None:

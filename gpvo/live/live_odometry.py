@@ -1,0 +1,138 @@
+"""The odometry of a running camera: events are pushed as they come, the pose is there at once."""
+
+from __future__ import annotations
+
+from threading import Lock
+
+from gpvo.cluster_report import ClusterReport
+from gpvo.config import Configuration
+from gpvo.live.pairing import StereoPairing
+from gpvo.live.raw_events import NO_EVENTS, RawEvents
+from gpvo.observer import Observer, Step, no_observer, observers
+from gpvo.odometry import Odometry
+from gpvo.recordings import StereoEvents, StereoRig
+from gpvo.trajectory import MotionEstimate, Trajectory
+
+
+class LiveOdometry:
+    """Estimates the motion of a stereo event camera while its events come.
+
+    >>> live = LiveOdometry(rig)
+    >>> live.push((x, y, t, polarity), (x, y, t, polarity))
+    >>> live.latest().T_world_cam
+    >>> trajectory = live.close()
+
+    The same events give the same states, bit for bit, as `Odometry.run`, however they are cut into
+    pushes. `push` returns when the clusters that the events complete are estimated, in the thread
+    that calls it; `latest` and `trajectory` may be called from any other.
+
+    Parameters
+    ----------
+    rig
+        The calibrated stereo rig.
+    configuration
+        By default `Configuration()`.
+    observer
+        Called with a `Step` after each cluster.
+    patience
+        Event time after which a camera that is behind the other is not waited for, seconds. Events
+        that come later still are left out, and counted in `late`. inf waits for ever.
+
+    Attributes
+    ----------
+    reports
+        What became of each cluster so far.
+    """
+
+    def __init__(
+        self,
+        rig: StereoRig,
+        configuration: Configuration | None = None,
+        observer: Observer = no_observer,
+        patience: float = 0.5,
+    ) -> None:
+        self._pairing = StereoPairing(rig, patience)
+        self._latest: MotionEstimate | None = None
+        self._lock = Lock()
+        self._closed = False
+        self.odometry = Odometry(rig, configuration, observer=observers(self._keep, observer))
+        self.reports = self.odometry.reports
+
+    @property
+    def start_ns(self) -> int | None:
+        """Absolute stamp of t = 0, the first event of either camera, nanoseconds; None before."""
+        return self._pairing.start_ns
+
+    @property
+    def late(self) -> int:
+        """Number of events that came after their time had been given up."""
+        return self._pairing.late
+
+    def push(
+        self, left: RawEvents = NO_EVENTS, right: RawEvents = NO_EVENTS
+    ) -> list[ClusterReport]:
+        """Take the next events of each camera, any number; return the reports of new clusters.
+
+        Raises
+        ------
+        InputError
+            If the events are not four arrays of whole numbers and one length, lie outside the
+            sensor, or go back in time. None of them is used then, and the odometry goes on.
+        ValueError
+            After `close`.
+        """
+        with self._lock:
+            self._check_open()
+            return self._estimate(self._pairing.push(left, right))
+
+    def interrupted(self) -> list[ClusterReport]:
+        """Say that data is missing between the events so far and the next ones.
+
+        What waits is estimated. Without this a time without events is one in which nothing moved.
+        """
+        with self._lock:
+            self._check_open()
+            return self._estimate(self._pairing.end())
+
+    def latest(self, t: float | None = None) -> MotionEstimate | None:
+        """Return the estimate at the newest state, or extrapolated to t, in constant time.
+
+        It is None before the first measurement.
+
+        Raises
+        ------
+        ValueError
+            If t, seconds since `start_ns`, is before the newest state, or not finite.
+        """
+        latest = self._latest
+        return latest if latest is None or t is None else latest.at(t)
+
+    def trajectory(self) -> Trajectory | None:
+        """Return the trajectory so far; None before the first measurement."""
+        with self._lock:
+            return self.odometry.trajectory(self.start_ns or 0)
+
+    def close(self) -> Trajectory | None:
+        """Estimate what waits; return the whole trajectory, None if nothing was measured."""
+        with self._lock:
+            if not self._closed:
+                self._estimate(self._pairing.end())
+                list(self.odometry.end())
+                self._closed = True
+        return self.trajectory()
+
+    def __enter__(self) -> LiveOdometry:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise ValueError("the live odometry is closed")
+
+    def _estimate(self, batch: StereoEvents | None) -> list[ClusterReport]:
+        return [] if batch is None else list(self.odometry.push(batch))
+
+    def _keep(self, step: Step) -> None:
+        self._latest = step.estimator.latest()

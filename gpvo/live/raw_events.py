@@ -1,0 +1,90 @@
+"""Events as cameras and users give them: four arrays, checked before anything is done with them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gpvo.errors import InputError
+from gpvo.recordings import Camera
+from gpvo.recordings.streams import EventBlock
+
+RawEvents = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
+"""x, y, t, polarity (N,) of one camera: columns, rows, int64 microseconds, and 1 or True where the
+pixel became brighter, else 0, -1 or False."""
+
+NO_EVENTS: RawEvents = ((), (), (), ())
+
+
+def checked_events(events: RawEvents, side: str, camera: Camera, before_ns: int) -> EventBlock:
+    """Check one camera's events.
+
+    Parameters
+    ----------
+    side
+        left or right, for the message.
+    before_ns
+        Stamp of the camera's event before, which none may precede.
+
+    Raises
+    ------
+    InputError
+        If they are not four arrays of whole numbers and one length, lie outside the sensor, or go
+        back in time.
+    """
+    if not isinstance(events, tuple) or len(events) != 4:
+        raise InputError(f"{side}: events must be a tuple of four arrays (x, y, t, polarity)")
+    x, y, t, polarity = columns = [np.asarray(column) for column in events]
+    lengths = [column.shape for column in columns]
+    if len(set(lengths)) != 1 or x.ndim != 1:
+        raise InputError(f"{side}: x, y, t, polarity must have one length, not {lengths}")
+    if len(x) == 0:
+        return EventBlock(*(np.empty(0, kind) for kind in ("u2", "u2", "i8", "?")))
+    for name, column in zip(("x", "y", "t"), columns, strict=False):
+        _check_whole(column, f"{side} {name}")
+    for name, column, size in zip("xy", (x, y), camera.resolution, strict=True):
+        _check_inside(column, size, f"{side} {name}")
+    t_ns = _nanoseconds(t, f"{side} t")
+    _check_order(t_ns, before_ns, f"{side} t")
+    is_on = _checked_polarity(polarity, f"{side} polarity")
+    return EventBlock(x.astype(np.uint16), y.astype(np.uint16), t_ns, is_on)
+
+
+def _check_whole(column: NDArray[Any], name: str) -> None:
+    if column.dtype.kind not in "iu":
+        raise InputError(f"{name}: must be whole numbers (int or uint), not {column.dtype}")
+
+
+def _check_inside(column: NDArray[Any], size: int, name: str) -> None:
+    outside = (column < 0) | (column >= size)
+    if outside.any():
+        index = int(np.argmax(outside))
+        raise InputError(
+            f"{name}: {column[index]} at event {index} is not from 0 to {size - 1}; leave such"
+            " events out, or give this camera's calibration"
+        )
+
+
+def _nanoseconds(t: NDArray[Any], name: str) -> NDArray[np.int64]:
+    limit = np.iinfo(np.int64).max // 1000
+    if int(t.max()) > limit or int(t.min()) < -limit:
+        raise InputError(f"{name}: {t.max()} is too large for microseconds")
+    return t.astype(np.int64) * 1000
+
+
+def _check_order(t_ns: NDArray[np.int64], before_ns: int, name: str) -> None:
+    steps = np.diff(t_ns, prepend=max(before_ns, -(2**62)))
+    if steps.min() < 0:
+        index = int(np.argmin(steps))
+        raise InputError(
+            f"{name}: goes back by {-steps[index] // 1000} us at event {index}; push events in"
+            " order of time"
+        )
+
+
+def _checked_polarity(polarity: NDArray[Any], name: str) -> NDArray[np.bool_]:
+    if polarity.dtype.kind not in "biu" or not np.isin(polarity, (-1, 0, 1)).all():
+        raise InputError(f"{name}: must be bool, or 1 and 0 or -1")
+    return np.asarray(polarity == 1)

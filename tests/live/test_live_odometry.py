@@ -1,0 +1,164 @@
+"""Events that are pushed give the states of a recording's, bit for bit, however they are cut."""
+
+from __future__ import annotations
+
+import logging
+import runpy
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gpvo import Configuration, InputError, LiveOdometry, Odometry, Trajectory
+from gpvo.cluster_report import ClusterReport
+from gpvo.live import RawEvents
+from gpvo.recordings import Events
+from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
+
+CONFIG = Configuration.model_validate({"tracking": {"klt": {"max_features": 40}}})
+
+
+@cache
+def room() -> SimulatedRecording:
+    config = SimulationConfig(
+        seed=2, duration=0.5, resolution=(240, 180), focal_length=160.0, noise_rate=2.0
+    )
+    return simulate(config)
+
+
+def raw(events: Events) -> RawEvents:
+    """Return events as a camera gives them, with absolute stamps."""
+    t = room().start_ns // 1000 + np.rint(events.t * 1e6).astype(np.int64)
+    return events.x, events.y, t, events.polarity
+
+
+@cache
+def whole() -> tuple[Trajectory, list[ClusterReport]]:
+    odometry = Odometry(room().rig, CONFIG)
+    return odometry.run(room()), odometry.reports
+
+
+def pushed(cuts: list[float], lag: float, live: LiveOdometry) -> Trajectory | None:
+    """Push events up to each cut, the right ones `lag` seconds later."""
+    before = -1.0
+    for cut in [*sorted(cuts), 1.0, 2.0]:
+        left = room().left.between(before, cut)
+        right = room().right.between(before - lag, cut - lag)
+        live.push(raw(left), raw(right))
+        before = cut
+    return live.close()
+
+
+@given(st.lists(st.floats(0, 0.6), max_size=40), st.floats(0, 0.3))
+@settings(deadline=None, max_examples=6)
+def test_states_are_those_of_the_recording(cuts: list[float], lag: float) -> None:
+    trajectory, reports = whole()
+    live = LiveOdometry(room().rig, CONFIG)
+    found = pushed(cuts, lag, live)
+    assert live.reports == reports and live.late == 0
+    assert found is not None and found.start_ns == room().start_ns
+    for name in ("t", "T_world_cam", "twist", "knots", "knot_covariance"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(trajectory, name))
+
+
+@pytest.mark.parametrize("method", ["fixed_lag", "batch"])
+def test_latest_is_the_end_of_the_trajectory_so_far(method: str) -> None:
+    config = CONFIG.model_copy(
+        update={"estimator": CONFIG.estimator.model_copy(update={"method": method})}
+    )
+    live = LiveOdometry(room().rig, config)
+    assert live.latest() is None and live.trajectory() is None
+    compared = 0
+    for start in np.arange(0, 0.3, 0.03):
+        sides = (side.between(start, start + 0.03) for side in (room().left, room().right))
+        live.push(*map(raw, sides))
+        trajectory, latest = live.trajectory(), live.latest()
+        if trajectory is None or latest is None:
+            continue
+        compared += 1
+        assert latest.t == trajectory.stop <= live.reports[-1].stop
+        ahead = live.latest(latest.t + 0.02)
+        for estimate in (latest, ahead):
+            pose = trajectory.pose(estimate.t, extrapolation=True)
+            np.testing.assert_allclose(estimate.T_world_cam, pose, atol=1e-12)
+            covariance = trajectory.covariance(estimate.t, extrapolation=True)
+            np.testing.assert_allclose(estimate.covariance, covariance, rtol=1e-6, atol=1e-15)
+        assert (np.diag(ahead.covariance) > np.diag(latest.covariance)).all()
+    assert compared > 3
+
+
+def test_a_silent_camera_is_not_waited_for_and_late_events_are_counted(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    live = LiveOdometry(room().rig, CONFIG, patience=0.1)
+    with caplog.at_level(logging.WARNING, logger="gpvo.live"):
+        live.push(raw(room().left.between(0, 0.4)))
+        assert live.reports[-1].stop > 0.25
+        assert live.reports[-1].right_events == 0
+        live.push(right=raw(room().right.between(0, 0.4)))
+    said = [message for message in caplog.messages if "right camera" in message]
+    assert ["going on without" in one for one in said] == [True, False]
+    newest = np.max(raw(room().left.between(0, 0.4))[2])
+    assert live.late == (raw(room().right.between(0, 0.4))[2] < newest - 100_000).sum() > 0
+
+
+def test_an_interruption_is_not_taken_for_rest() -> None:
+    live = LiveOdometry(room().rig, CONFIG)
+    for start, stop in ((0.0, 0.2), (0.4, 0.5)):
+        live.push(*(raw(side.between(start, stop)) for side in (room().left, room().right)))
+        live.interrupted()
+    assert all(report.stop <= 0.2 or report.start >= 0.399 for report in live.reports)
+    assert not any(report.at_rest for report in live.reports)
+    assert live.close() is not None
+
+
+GOOD = (np.array([1, 2]), np.array([3, 4]), np.array([1000, 1001]), np.array([True, False]))
+
+
+def bad(index: int, column: object) -> tuple:
+    return tuple(column if i == index else each for i, each in enumerate(GOOD))
+
+
+@pytest.mark.parametrize(
+    ("events", "message"),
+    [
+        (bad(0, np.array([65535, 2])), "left x: 65535 at event 0 is not from 0 to 239"),
+        (bad(1, np.array([3, -1])), "left y: -1 at event 1 is not from 0 to 179"),
+        (bad(0, np.array([1.0, 2.0])), "left x: must be whole numbers"),
+        (bad(2, np.array([1e3, 1e3])), "left t: must be whole numbers"),
+        (bad(2, np.array([1001, 1000])), "left t: goes back by 1 us at event 1"),
+        (bad(2, np.array([1, 2**62])), "too large for microseconds"),
+        (bad(2, np.array([10, 11])), "left t: goes back by 490 us at event 0"),
+        (bad(3, np.array([2, 0])), "left polarity: must be bool, or 1 and 0 or -1"),
+        (bad(3, np.array([True])), "left: x, y, t, polarity must have one length"),
+        (GOOD[:3], "left: events must be a tuple of four arrays"),
+    ],
+)
+def test_bad_events_are_refused_as_a_whole_and_the_odometry_goes_on(
+    events: tuple, message: str
+) -> None:
+    live = LiveOdometry(room().rig, CONFIG)
+    first = (np.array([1]), np.array([1]), np.array([500]), np.array([1]))
+    live.push(first, first)
+    with pytest.raises(InputError, match=message):
+        live.push(events, GOOD)
+    live.push(GOOD, GOOD)
+    assert live.late == 0
+    live.close()
+    with pytest.raises(ValueError, match="closed"):
+        live.push(GOOD, GOOD)
+
+
+def test_nothing_pushed_is_no_trajectory() -> None:
+    with LiveOdometry(room().rig) as live:
+        live.push()
+    assert live.close() is None and live.latest() is None and live.start_ns is None
+
+
+def test_the_example_shows_the_pose_while_events_come(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(Path(__file__).parents[2] / "examples" / "live.py"))
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 5 and all(" m, within " in line for line in lines)
