@@ -101,9 +101,8 @@ def grouped(cluster: StereoCluster) -> StereoCluster:
     middle = 0.5 * (cluster.start + cluster.stop)
 
     def flat(image: ClusterEvents) -> ClusterEvents:
-        surface = image.surface_of_active_events
-        times = np.where(np.isfinite(surface), middle, surface)
-        return replace(image, surface_of_active_events=times)
+        events = replace(image.events, t=np.full(len(image.events), middle))
+        return replace(image, events=events)
 
     return replace(cluster, left=flat(cluster.left), right=flat(cluster.right))
 

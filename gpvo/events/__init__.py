@@ -3,7 +3,6 @@
 from gpvo.events.clustering import (
     ClusterEvents,
     Clustering,
-    RectifiedEvents,
     StereoCluster,
     cluster_events,
 )
@@ -11,7 +10,6 @@ from gpvo.events.clustering import (
 __all__ = [
     "ClusterEvents",
     "Clustering",
-    "RectifiedEvents",
     "StereoCluster",
     "cluster_events",
 ]

@@ -6,14 +6,13 @@ Section III-A.1 of the paper.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.array_table import ArrayTable
 from gpvo.config import ClusteringConfig
 from gpvo.events.cluster_length import ClusterLength
 from gpvo.events.flashes import FlashDetector
@@ -22,41 +21,17 @@ from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 
 
 @dataclass(frozen=True, eq=False)
-class RectifiedEvents(ArrayTable):
-    """Events of one camera in order of time, at their rectified pixels.
-
-    Attributes
-    ----------
-    points
-        (N, 2) float64 rectified pixel (u, v), within the image.
-    t
-        (N,) float64 seconds since the recording's start.
-    polarity
-        (N,) bool, True where the pixel became brighter.
-    """
-
-    points: NDArray[np.float64]
-    t: NDArray[np.float64]
-    polarity: NDArray[np.bool_]
-
-    @staticmethod
-    def empty() -> RectifiedEvents:
-        """Return a table without events."""
-        return RectifiedEvents(np.empty((0, 2)), np.empty(0), np.empty(0, bool))
-
-
-@dataclass(frozen=True, eq=False)
 class ClusterEvents:
-    """The events of one camera in one cluster, on the rectified pixel grid.
+    """The events of one camera in one cluster.
 
     Attributes
     ----------
-    surface_of_active_events
-        (height, width) float64 time of the latest event of each pixel, seconds; -inf where none.
-    event_count
-        Number of events in the cluster, including those that rectify to outside the image.
     events
-        Function that returns the rectified events, for trackers that process them one by one.
+        Events at their raw pixels, without those that the noise filter left out.
+    table
+        (raw height, raw width, 2) float32 rectified pixel (u, v) of every raw pixel.
+    resolution
+        (width, height) of the rectified image.
     noise_rate
         Background activity of the sensor, events per pixel and second; 0 before it is known.
     noise_count
@@ -66,22 +41,36 @@ class ClusterEvents:
         activity, of hot pixels.
     """
 
-    surface_of_active_events: NDArray[np.float64]
-    event_count: int
-    events: Callable[[], RectifiedEvents] = RectifiedEvents.empty
+    events: Events
+    table: NDArray[np.float32]
+    resolution: tuple[int, int]
     noise_rate: float = 0.0
     noise_count: float = 0.0
     left_out: tuple[int, int] = (0, 0)
+
+    @property
+    def event_count(self) -> int:
+        """Number of events, including those that rectify to outside the image."""
+        return len(self.events)
 
     @property
     def contour_count(self) -> float:
         """Estimated number of events of contours that moved."""
         return max(0.0, self.event_count - self.noise_count)
 
-    @property
+    @cached_property
     def coverage(self) -> float:
-        """Share of the pixels with an event, from 0 to 1."""
-        return float(np.isfinite(self.surface_of_active_events).mean())
+        """Share of the raw pixels with an event, from 0 to 1."""
+        active = np.zeros(self.table.shape[:2], np.bool_)
+        _mark(active, self.events.x, self.events.y)
+        return float(active.mean())
+
+    @cached_property
+    def surface_of_active_events(self) -> NDArray[np.float64]:
+        """Time (height, width) of the latest event of each rectified pixel, s; -inf where none."""
+        surface = np.full(self.resolution[::-1], -np.inf)
+        _paint(surface, self.events.x, self.events.y, self.events.t, self.table)
+        return surface
 
     @property
     def binary_frame(self) -> NDArray[np.uint8]:
@@ -227,55 +216,23 @@ class _PendingEvents:
 
     def take(self, start: float, stop: float) -> ClusterEvents:
         """Return the events before `stop`, seconds, as a cluster's, and keep the others."""
-        image = rectified_cluster(
-            self._events.between(-np.inf, stop), self._table, self._resolution
-        )
+        events = self._events.between(-np.inf, stop)
         noise = self._filter.noise(start, stop)
         self._events = self._events.between(stop, np.inf)
-        return replace(
-            image,
+        return ClusterEvents(
+            events,
+            self._table,
+            self._resolution,
             noise_rate=noise.rate,
             noise_count=noise.passing * self._pixels * (stop - start),
             left_out=self._filter.left_out(stop),
         )
 
 
-def rectified_cluster(
-    events: Events, table: NDArray[np.float32], resolution: tuple[int, int]
-) -> ClusterEvents:
-    """Rectify events to the nearest pixel and keep the latest time of each pixel.
-
-    `table` (height, width, 2) holds the rectified pixel of every raw pixel; `resolution` is
-    (width, height) of the rectified image.
-    """
-    surface = np.full(resolution[::-1], -np.inf)
-    _paint(surface, events.x, events.y, events.t, table)
-    return ClusterEvents(surface, len(events), partial(rectify, events, table, resolution))
-
-
-def rectify(
-    events: Events, table: NDArray[np.float32], resolution: tuple[int, int]
-) -> RectifiedEvents:
-    """Rectify events and drop those outside the image; parameters like `rectified_cluster`."""
-    points, inside = np.empty((len(events), 2)), np.empty(len(events), np.bool_)
-    _rectify(events.x, events.y, table, resolution, points, inside)
-    return RectifiedEvents(points[inside], events.t[inside], events.polarity[inside])
-
-
 @njit(cache=True, nogil=True)
-def _rectify(
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    table: NDArray[np.float32],
-    resolution: tuple[int, int],
-    points: NDArray[np.float64],
-    inside: NDArray[np.bool_],
-) -> None:
-    width, height = resolution
+def _mark(active: NDArray[np.bool_], x: NDArray[np.uint16], y: NDArray[np.uint16]) -> None:
     for i in range(len(x)):
-        u, v = table[y[i], x[i]]
-        points[i] = u, v
-        inside[i] = 0 <= np.rint(u) < width and 0 <= np.rint(v) < height  # some tables hold NaN
+        active[y[i], x[i]] = True
 
 
 @njit(cache=True, nogil=True)

@@ -9,8 +9,8 @@ the stream runs.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -72,9 +72,10 @@ class EventFilter:
 
     def __init__(self, resolution: tuple[int, int], config: ClusteringConfig) -> None:
         width, height = resolution
+        # Time of the latest event of each pixel and recent number of events, together in memory.
         # A border of one pixel, so that every pixel has eight neighbours.
-        self._latest = np.full((height + 2, width + 2), -np.inf)
-        self._count = np.zeros((height + 2, width + 2), np.float32)
+        self._pixels = np.zeros((height + 2, width + 2, 2))
+        self._pixels[..., 0] = -np.inf
         self._isolated = np.zeros((height // BLOCK + 1, width // BLOCK + 1), np.int64)
         self._seen = np.zeros_like(self._isolated)
         rows, columns = map(_block_lengths, (height, width))
@@ -111,12 +112,9 @@ class EventFilter:
         if not self._automatic and self._support == 0 and self._hot == 0:
             return events
         fate = np.empty(len(events), np.uint8)
-        windows = np.floor_divide(events.t, WINDOW).astype(np.int64)
-        borders = np.flatnonzero(np.diff(windows, prepend=windows[:1])).tolist()
-        for first, last in pairwise([0, *borders, len(events)]):
-            if last > first:
-                self._begin(int(windows[first]), float(events.t[first]))
-                self._judge(events[first:last], fate[first:last])
+        for window, first, last in windows(events.t):
+            self._begin(window, float(events.t[first]))
+            self._judge(events[first:last], fate[first:last])
         if not fate.any():
             return events
         for index, kind in enumerate((BACKGROUND, HOT)):
@@ -138,7 +136,7 @@ class EventFilter:
             share = 1 - np.exp(-8 * rate * self._support) if self._support > 0 else 1.0
             self._noise.append(Noise(window * WINDOW, t, rate, rate * share if noisy else 0.0))
             self._isolated[:], self._seen[:] = 0, 0
-            self._count *= np.float32(0.5)
+            self._pixels[..., 1] *= 0.5
         self._window = window
 
     def _judge(self, events: Events, fate: NDArray[np.uint8]) -> None:
@@ -147,14 +145,29 @@ class EventFilter:
             events.x,
             events.y,
             events.t,
-            self._latest,
-            self._count,
+            self._pixels,
             self._isolated,
             self._seen,
             self._support,
             self._hot,
             fate,
         )
+
+
+def windows(t: NDArray[np.float64]) -> Iterator[tuple[int, int, int]]:
+    """Cut times (N,) at multiples of WINDOW; yield window, first index and end of the parts."""
+    first = 0
+    while first < len(t):
+        window = window_of(float(t[first]))
+        last = int(np.searchsorted(t, (window + 1) * WINDOW))
+        yield window, first, last
+        first = last
+
+
+def window_of(t: float) -> int:
+    """Return the number n of a window, n WINDOW <= t < (n + 1) WINDOW as rounded products."""
+    n = int(t / WINDOW)
+    return n + (t >= (n + 1) * WINDOW) - (t < n * WINDOW)
 
 
 def support_time(rate: float) -> float:
@@ -191,8 +204,7 @@ def _judge(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     t: NDArray[np.float64],
-    latest: NDArray[np.float64],
-    count: NDArray[np.float32],
+    pixels: NDArray[np.float64],
     isolated: NDArray[np.int64],
     seen: NDArray[np.int64],
     support: float,
@@ -201,15 +213,16 @@ def _judge(
 ) -> None:
     for i in range(len(t)):
         row, column = int(y[i]) + 1, int(x[i]) + 1
-        count[row, column] += 1
-        if hot > 0 and count[row, column] > LEAST_HOT and _is_hot(count, row, column, hot):
+        pixels[row, column, 1] += 1
+        recent = pixels[row, column, 1]
+        if hot > 0 and recent > LEAST_HOT and _is_hot(pixels, row, column, hot):
             fate[i] = HOT
             continue
-        latest[row, column] = newest = -np.inf
+        pixels[row, column, 0] = newest = -np.inf
         for v in range(row - 1, row + 2):
             for u in range(column - 1, column + 2):
-                newest = max(newest, latest[v, u])
-        latest[row, column] = t[i]
+                newest = max(newest, pixels[v, u, 0])
+        pixels[row, column, 0] = t[i]
         seen[y[i] // BLOCK, x[i] // BLOCK] += 1
         isolated[y[i] // BLOCK, x[i] // BLOCK] += t[i] - newest > ISOLATED
         alone = support > 0 and t[i] - newest > support
@@ -217,7 +230,11 @@ def _judge(
 
 
 @njit(cache=True, nogil=True)
-def _is_hot(count: NDArray[np.float32], row: int, column: int, ratio: float) -> bool:
+def _is_hot(pixels: NDArray[np.float64], row: int, column: int, ratio: float) -> bool:
     """Compare a pixel's recent events with those of the eight pixels around it."""
-    around = count[row - 1 : row + 2, column - 1 : column + 2].sum() - count[row, column]
-    return bool(count[row, column] > ratio * (around / 8 + 1))
+    own = pixels[row, column, 1]
+    around = -own
+    for v in range(row - 1, row + 2):
+        for u in range(column - 1, column + 2):
+            around += pixels[v, u, 1]
+    return bool(own > ratio * (around / 8 + 1))

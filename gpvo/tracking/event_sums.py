@@ -10,6 +10,9 @@ Array = NDArray[np.float64]
 Flow = NDArray[np.float32]
 """(rows, columns, 2) image motion in the middles of cells, pixels per second."""
 
+Sums = NDArray[np.float32]
+"""(height, width, 2) number of events of each pixel, and sum of their delays, seconds."""
+
 CELL = 8
 """Side of the cells of averaged image motion, pixels; motion is interpolated between cells."""
 
@@ -40,26 +43,43 @@ def _motion_at(flow: Flow, u: float, v: float) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True)
-def add_events(points: Array, times: Array, reference: float, flow: Flow, sums: Array) -> None:
-    """Add events to the four pixels around their positions at the reference time (bilinear)."""
+def add_events(
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    t: Array,
+    table: NDArray[np.float32],
+    side: float,
+    reference: float,
+    flow: Flow,
+    sums: Sums,
+) -> None:
+    """Add events at raw pixels (x, y) to the four pixels around their positions at `reference`.
+
+    `table` (raw height, raw width, 2) holds the rectified pixels. Pixels of the sums are `side` of
+    these wide. Where a table holds NaN, as some do, events are left out.
+    """
     height, width, _ = sums.shape
-    for i in range(len(times)):
-        u, v, delay = points[i, 0], points[i, 1], times[i] - reference
+    shift = (side - 1) / 2
+    for i in range(len(t)):
+        u, v = (table[y[i], x[i], 0] - shift) / side, (table[y[i], x[i], 1] - shift) / side
+        if not (-0.5 <= u < width - 0.5 and -0.5 <= v < height - 0.5):
+            continue
+        delay = t[i] - reference
         motion = _motion_at(flow, u, v)
         u, v = u - delay * motion[0], v - delay * motion[1]
         if not (0 <= u < width - 1 and 0 <= v < height - 1):
             continue
         column, row = int(u), int(v)
         right, low = u - column, v - row
-        for y, share in ((row, 1 - low), (row + 1, low)):
-            sums[y, column, 0] += share * (1 - right)
-            sums[y, column, 1] += share * (1 - right) * delay
-            sums[y, column + 1, 0] += share * right
-            sums[y, column + 1, 1] += share * right * delay
+        for line, share in ((row, 1 - low), (row + 1, low)):
+            sums[line, column, 0] += share * (1 - right)
+            sums[line, column, 1] += share * (1 - right) * delay
+            sums[line, column + 1, 0] += share * right
+            sums[line, column + 1, 1] += share * right * delay
 
 
 @njit(cache=True, nogil=True)
-def mean_delays(sums: Array, points: Array, radius: float) -> Array:
+def mean_delays(sums: Sums, points: Array, radius: float) -> Array:
     """Compute the mean delay (N,) of the events within a radius of points (N, 2); 0 if none."""
     height, width, _ = sums.shape
     means = np.zeros(len(points))

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.config.stages import CompensationConfig
-from gpvo.events import RectifiedEvents, StereoCluster
-from gpvo.tracking.event_sums import CELL, Flow, add_events, mean_delays, motion_at
+from gpvo.events import ClusterEvents, StereoCluster
+from gpvo.tracking.event_sums import CELL, Flow, Sums, add_events, mean_delays, motion_at
 from gpvo.tracking.observations import Observations
-from gpvo.tracking.resolutions import from_full_resolution
 
 Array = NDArray[np.float64]
 
@@ -50,30 +49,34 @@ class CompensatedImage:
 
     reference: float
     flow: Flow
-    sums: Array
+    sums: Sums
 
     @staticmethod
     def of_events(
-        events: RectifiedEvents, flow: Flow, reference: float, shape: tuple[int, int]
+        image: ClusterEvents, flow: Flow, reference: float, side: int = 1
     ) -> CompensatedImage:
-        """Move events along the image motion to a time (seconds), in an image (height, width)."""
-        sums = np.zeros((*shape, 2))
-        add_events(events.points, events.t, reference, flow, sums)
+        """Move events along the image motion to a time (seconds), in pixels `side` as wide."""
+        width, height = image.resolution
+        sums = np.zeros((height // side, width // side, 2), np.float32)
+        events = image.events
+        add_events(events.x, events.y, events.t, image.table, float(side), reference, flow, sums)
         return CompensatedImage(reference, flow, sums)
 
     def held(self, reference: float) -> CompensatedImage:
         """Return the same image at a later time, when nothing has moved."""
-        return CompensatedImage(reference, np.zeros_like(self.flow), self.sums * [1.0, 0.0])
+        return CompensatedImage(
+            reference, np.zeros_like(self.flow), self.sums * np.array([1, 0], np.float32)
+        )
 
     @property
-    def count(self) -> Array:
+    def count(self) -> NDArray[np.float32]:
         """Events per pixel (height, width)."""
         return self.sums[..., 0]
 
     @property
     def picture(self) -> NDArray[np.uint8]:
         """Image (height, width) 255 (1 - exp(-count))."""
-        absent = np.exp(-self.count.astype(np.float32))
+        absent = np.exp(-self.count)
         return np.asarray(cv2.convertScaleAbs(absent, alpha=-255, beta=255), np.uint8)
 
     def at_own_times(self, points: Array, radius: float) -> tuple[Array, Array]:
@@ -113,22 +116,15 @@ class MotionCompensation:
         if self.at_rest:
             left, right = (image.held(middle) for image in self._images[-1])
         else:
-            height, width = cluster.left.surface_of_active_events.shape
-            shape = height // self._side, width // self._side
             left, right = (
-                CompensatedImage.of_events(self._scaled(image.events()), flow, middle, shape)
+                CompensatedImage.of_events(image, flow, middle, self._side)
                 for image, flow in zip(
-                    (cluster.left, cluster.right), self._flows(shape), strict=True
+                    (cluster.left, cluster.right), self._flows(cluster), strict=True
                 )
             )
         self._images.append((left, right))
         self._frame_count += 1
         return left.picture, right.picture
-
-    def _scaled(self, events: RectifiedEvents) -> RectifiedEvents:
-        if self._side == 1:
-            return events
-        return replace(events, points=from_full_resolution(events.points, self._side))
 
     def _is_still(self, cluster: StereoCluster) -> bool:
         """Compare the events of both cameras with those of recent clusters."""
@@ -157,7 +153,7 @@ class MotionCompensation:
         known = seen if self._recent is None else Observations.concatenate([self._recent, seen])
         self._recent = known[known.frame >= self._frame_count - 2]
 
-    def _flows(self, shape: tuple[int, int]) -> tuple[Flow, Flow]:
+    def _flows(self, cluster: StereoCluster) -> tuple[Flow, Flow]:
         """Estimate left and right image motion between the two latest clusters; 0 if unknown."""
         nothing: Flow = np.zeros((1, 1, 2), np.float32)
         if self._recent is None or len(self._images) < 2:
@@ -169,6 +165,8 @@ class MotionCompensation:
         if len(i) < LEAST_FEATURES:
             return nothing, nothing
         dt, reach = latest[0].reference - before[0].reference, self._config.reach
+        width, height = cluster.left.resolution
+        shape = height // self._side, width // self._side
         left, right = (
             flow_between(old[i], new[j], dt, shape, reach)
             for old, new in ((earlier.left, later.left), (earlier.right, later.right))

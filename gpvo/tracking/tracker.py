@@ -20,7 +20,6 @@ from gpvo.tracking.klt import KltTracker
 from gpvo.tracking.motion_compensation import MotionCompensation
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.report import TrackingReport
-from gpvo.tracking.resolutions import to_full_resolution
 from gpvo.tracking.viso2 import Viso2Tracker
 
 StereoImage = tuple[NDArray[np.uint8], NDArray[np.uint8]]
@@ -112,3 +111,8 @@ class _ResolutionTracker:
             for side in (cluster.left, cluster.right)
         )
         return (left, right) if self._side == 1 else (half_resolution(left), half_resolution(right))
+
+
+def to_full_resolution(points: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+    """Return the full-resolution position of pixels that are `side` full pixels wide."""
+    return points * side + (side - 1) / 2

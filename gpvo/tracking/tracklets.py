@@ -12,13 +12,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gpvo.config import TrackletConfig
-from gpvo.events import StereoCluster
+from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.tracking.measurements import Measurements
 from gpvo.tracking.observations import Observations
 
 Array = NDArray[np.float64]
-Surfaces = tuple[Array, Array]
-"""Surfaces of active events, left and right."""
 
 LEAST_LANDMARKS = 8
 """Number of landmarks below which the image speed is unknown."""
@@ -32,7 +30,7 @@ class Tracklets:
 
     def __init__(self, config: TrackletConfig) -> None:
         self._config = config
-        self._clusters: deque[tuple[int, Surfaces]] = deque(maxlen=config.history)
+        self._clusters: deque[tuple[int, StereoCluster]] = deque(maxlen=config.history)
         self._cluster_count = 0
         self._measurements = Measurements.concatenate([])
         self._taken = np.empty(0, bool)
@@ -40,15 +38,10 @@ class Tracklets:
 
     def add(self, cluster: StereoCluster, observations: Observations) -> None:
         """Add the observations of a new cluster, which lie in it or in earlier clusters."""
-        # Only the surfaces are kept: a cluster would keep its events in memory.
-        surfaces = (
-            cluster.left.surface_of_active_events,
-            cluster.right.surface_of_active_events,
-        )
-        self._clusters.append((self._cluster_count, surfaces))
+        self._clusters.append((self._cluster_count, cluster))
         self._cluster_count += 1
         self._keep(self._measurements.frame >= self._clusters[0][0])
-        new = [self._measure(number, seen, observations) for number, seen in self._clusters]
+        new = [self._measure(number, shown, observations) for number, shown in self._clusters]
         seen = observations.frame == self._cluster_count - 1
         self.out_of_bounds = int(seen.sum()) - len(new[-1])
         self._measurements = Measurements.concatenate([self._measurements, *new])
@@ -130,15 +123,20 @@ class Tracklets:
         passed &= duration >= self._config.min_duration
         return order[passed[tracklet]]
 
-    def _measure(self, number: int, surfaces: Surfaces, observations: Observations) -> Measurements:
+    def _measure(
+        self, number: int, cluster: StereoCluster, observations: Observations
+    ) -> Measurements:
         """Assign times to the observations of one cluster and apply the stereo filters."""
         seen = observations.frame == number
         left, right = observations.left[seen], observations.right[seen]
         disparity = observations.disparity[seen]
         t_left, t_right = (
-            self._times(surface, points, own)
-            for surface, points, own in zip(
-                surfaces, (left, right), observations.times[seen].T, strict=True
+            self._times(image, points, own)
+            for image, points, own in zip(
+                (cluster.left, cluster.right),
+                (left, right),
+                observations.times[seen].T,
+                strict=True,
             )
         )
         passed = np.abs(t_left - t_right) <= self._config.max_stereo_time_difference
@@ -150,15 +148,16 @@ class Tracklets:
             np.column_stack([left, disparity]),
         )[passed]
 
-    def _times(self, surface: Array, points: Array, own: Array) -> Array:
+    def _times(self, image: ClusterEvents, points: Array, own: Array) -> Array:
         """Return the times (N,) of points (N, 2): the tracker's own, else those of the surface."""
-        known = np.isfinite(own)
-        times = own.copy()
-        times[~known] = feature_times(surface, points[~known], self._config.time_radius)
+        times, unknown = own.copy(), ~np.isfinite(own)
+        if unknown.any():
+            surface, radius = image.surface_of_active_events, self._config.time_radius
+            times[unknown] = feature_times(surface, points[unknown], radius)
         return times
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def feature_times(
     surface: NDArray[np.float64], points: NDArray[np.float64], radius: float
 ) -> NDArray[np.float64]:
@@ -176,7 +175,7 @@ def feature_times(
     return times
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _mean_time(surface: NDArray[np.float64], u: float, v: float, radius: float) -> float:
     height, width = surface.shape
     total, count = 0.0, 0
@@ -191,7 +190,7 @@ def _mean_time(surface: NDArray[np.float64], u: float, v: float, radius: float) 
     return total / count if count else np.nan
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _nearest_time(surface: NDArray[np.float64], u: float, v: float) -> float:
     """Return the time of the event nearest to (u, v), searched in growing squares."""
     height, width = surface.shape

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from shown_events import of_surface
 
 from factors.lie import se3_exp
 from factors.stereo import StereoCamera
-from gpvo.events import ClusterEvents, StereoCluster
+from gpvo.events import StereoCluster
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -116,6 +117,4 @@ class MovingPlane:
 def cluster_of(left: Image, right: Image, start: float = 0.0) -> StereoCluster:
     """Make a cluster with events at `start` where the images are white."""
     surfaces = [np.where(image > 0, start, -np.inf) for image in (left, right)]
-    return StereoCluster(
-        start, start + 0.1, *(ClusterEvents(s, int(np.isfinite(s).sum())) for s in surfaces)
-    )
+    return StereoCluster(start, start + 0.1, *map(of_surface, surfaces))

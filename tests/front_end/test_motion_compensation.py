@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shown_events import shown
 
 from gpvo.config.stages import CompensationConfig
-from gpvo.events import ClusterEvents, RectifiedEvents, StereoCluster
+from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.tracking import Observations
 from gpvo.tracking.event_sums import CELL, Flow, motion_at
 from gpvo.tracking.motion_compensation import (
@@ -17,7 +20,7 @@ from gpvo.tracking.motion_compensation import (
     MotionCompensation,
     flow_between,
 )
-from gpvo.tracking.resolutions import to_full_resolution
+from gpvo.tracking.tracker import to_full_resolution
 
 SHAPE = (60, 80)
 START, STOP = 0.40, 0.46
@@ -30,7 +33,7 @@ def constant_flow(motion: np.ndarray) -> Flow:
     return np.full((1, 1, 2), motion, np.float32)
 
 
-def spot(place: np.ndarray, motion: np.ndarray, seed: int, count: int = 400) -> RectifiedEvents:
+def spot(place: np.ndarray, motion: np.ndarray, seed: int, count: int = 400) -> ClusterEvents:
     """Simulate events around a moving point that is at `place` in the middle of the cluster.
 
     `motion` is in pixels per second.
@@ -40,7 +43,7 @@ def spot(place: np.ndarray, motion: np.ndarray, seed: int, count: int = 400) -> 
     t = np.clip(t, START, STOP)
     shape = rng.normal(0, 1.0, (count, 2)).clip(-2, 2)
     points = place + shape - shape.mean(axis=0) + (t - MIDDLE)[:, None] * motion
-    return RectifiedEvents(points, t, np.ones(count, bool))
+    return shown(points, t, SHAPE)
 
 
 def centroid(image: CompensatedImage) -> np.ndarray:
@@ -55,11 +58,11 @@ def test_a_wrong_image_motion_cancels_at_the_events_own_time(
 ) -> None:
     place = np.array([40.0, 30.0])
     events = spot(place, true, seed)
-    image = CompensatedImage.of_events(events, constant_flow(assumed), MIDDLE, SHAPE)
+    image = CompensatedImage.of_events(events, constant_flow(assumed), MIDDLE)
     (found,), (time,) = image.at_own_times(centroid(image)[None], radius=25.0)
-    np.testing.assert_allclose(time, events.t.mean(), atol=1e-9)
-    np.testing.assert_allclose(found, events.points.mean(axis=0), atol=1e-4)
-    assert image.count.sum() == pytest.approx(len(events))
+    np.testing.assert_allclose(time, events.events.t.mean(), atol=1e-9)
+    np.testing.assert_allclose(found, events.table[0].mean(axis=0), atol=1e-4)
+    assert image.count.sum() == pytest.approx(events.event_count)
 
 
 @given(seeds, motions)
@@ -69,8 +72,8 @@ def test_the_right_image_motion_makes_pictures_as_sharp_as_a_still_camera(
 ) -> None:
     place = np.array([40.0, 30.0])
     moving, still = spot(place, motion, seed), spot(place, np.zeros(2), seed)
-    image = CompensatedImage.of_events(moving, constant_flow(motion), MIDDLE, SHAPE)
-    expected = CompensatedImage.of_events(still, constant_flow(np.zeros(2)), MIDDLE, SHAPE)
+    image = CompensatedImage.of_events(moving, constant_flow(motion), MIDDLE)
+    expected = CompensatedImage.of_events(still, constant_flow(np.zeros(2)), MIDDLE)
     np.testing.assert_allclose(image.count, expected.count, atol=1e-3)
     np.testing.assert_array_less(np.abs(image.picture.astype(int) - expected.picture), 2)
 
@@ -110,17 +113,15 @@ def test_image_motion_is_bilinear_between_the_middles_of_cells(seed: int) -> Non
     np.testing.assert_allclose(found, large.reshape(-1, 2), atol=1e-3)
 
 
-def cluster_at(start: float, events: RectifiedEvents, noise_count: float = 0.0) -> StereoCluster:
-    shown = ClusterEvents(
-        np.full(SHAPE, -np.inf), len(events), lambda: events, noise_count=noise_count
-    )
-    return StereoCluster(start, start + 0.06, shown, shown)
+def cluster_at(start: float, events: ClusterEvents, noise_count: float = 0.0) -> StereoCluster:
+    noisy = replace(events, noise_count=noise_count)
+    return StereoCluster(start, start + 0.06, noisy, noisy)
 
 
-def scattered(start: float, count: int) -> RectifiedEvents:
+def scattered(start: float, count: int) -> ClusterEvents:
     rng = np.random.default_rng(count)
     t = np.sort(rng.uniform(start, start + 0.06, count))
-    return RectifiedEvents(rng.uniform([2, 2], [77, 57], (count, 2)), t, np.ones(count, bool))
+    return shown(rng.uniform([2, 2], [77, 57], (count, 2)), t, SHAPE)
 
 
 @pytest.mark.parametrize(("events", "noise_count"), [(20, 0.0), (500, 490.0)])
@@ -131,13 +132,13 @@ def test_at_rest_pictures_are_held_and_times_go_on(events: int, noise_count: flo
     pictures, observed = [], []
     for number in range(5):
         start, still = 0.06 * number, number >= 3
-        shown = scattered(start, events if still else 1000)
+        seen = scattered(start, events if still else 1000)
         pictures.append(
-            compensation.pictures(cluster_at(start, shown, noise_count if still else 0.0))
+            compensation.pictures(cluster_at(start, seen, noise_count if still else 0.0))
         )
         assert compensation.at_rest == still
-        seen = Observations(np.arange(12), np.full(12, number), places, places - [5.0, 0])
-        observed.append(compensation.timed(seen))
+        found = Observations(np.arange(12), np.full(12, number), places, places - [5.0, 0])
+        observed.append(compensation.timed(found))
     for held in pictures[3:]:
         np.testing.assert_array_equal(held, pictures[2])
     for number, found in enumerate(observed[3:], 3):
@@ -159,13 +160,12 @@ def test_motion_after_rest_has_pictures_of_its_own_events() -> None:
 def test_half_resolution_pictures_are_those_of_events_in_larger_pixels() -> None:
     rng = np.random.default_rng(0)
     t = np.sort(rng.uniform(0, 0.06, 3000))
-    small = RectifiedEvents(rng.uniform([2, 2], [77, 57], (3000, 2)), t, np.ones(3000, bool))
-    large = RectifiedEvents(to_full_resolution(small.points, 2), t, small.polarity)
+    points = rng.integers(8, 300, (3000, 2)) / 4.0  # exact at both resolutions
+    small = shown(points, t, SHAPE)
+    large = shown(to_full_resolution(points, 2), t, (2 * SHAPE[0], 2 * SHAPE[1]))
     full = MotionCompensation(CompensationConfig(), frames=2)
     half = MotionCompensation(CompensationConfig(), frames=2, side=2)
-    twice = np.full((2 * SHAPE[0], 2 * SHAPE[1]), -np.inf)
-    image = ClusterEvents(twice, 3000, lambda: large)
-    pictures = half.pictures(StereoCluster(0.0, 0.06, image, image))
+    pictures = half.pictures(StereoCluster(0.0, 0.06, large, large))
     np.testing.assert_array_equal(pictures, full.pictures(cluster_at(0.0, small)))
 
 
@@ -180,8 +180,7 @@ def test_observations_get_times_and_places_of_their_own_events() -> None:
         def image(offset: np.ndarray, start: float = start) -> ClusterEvents:
             t = np.repeat(start + np.array([0.01, 0.02, 0.03]), len(places))
             points = np.tile(places + offset, (3, 1)) + t[:, None] * motion
-            events = RectifiedEvents(points, t, np.ones(len(t), bool))
-            return ClusterEvents(np.full(SHAPE, -np.inf), len(t), lambda: events)
+            return shown(points, t, SHAPE)
 
         cluster = StereoCluster(start, start + 0.06, image(np.zeros(2)), image(-disparity))
         left, _ = compensation.pictures(cluster)

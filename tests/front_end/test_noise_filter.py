@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shown_events import of_surface
 
 from gpvo.config import ClusteringConfig
-from gpvo.events import ClusterEvents
 from gpvo.events.noise_filter import LEAST_HOT, LET_THROUGH, EventFilter
 from gpvo.recordings import Events
 
@@ -166,5 +166,5 @@ def test_contours_stay_while_noise_goes() -> None:
 def test_time_surface_grows_with_the_time_of_the_latest_event() -> None:
     surface = np.full((2, 3), -np.inf)
     surface[0] = 2.0, 2.05, 2.1
-    image = ClusterEvents(surface, 3).time_surface(2.0, 2.1)
+    image = of_surface(surface).time_surface(2.0, 2.1)
     np.testing.assert_array_equal(image, [[1, 128, 255], [0, 0, 0]])

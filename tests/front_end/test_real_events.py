@@ -16,8 +16,7 @@ from scipy.spatial import cKDTree
 
 from gpvo import Odometry, open_recording
 from gpvo.config import TrackingConfig
-from gpvo.events import StereoCluster
-from gpvo.events.clustering import rectified_cluster
+from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.recordings import Events
 from gpvo.tracking.tracker import MultiResolutionTracker
 
@@ -50,7 +49,7 @@ def box_clusters(window: float) -> Iterator[tuple[StereoCluster, NDArray[np.floa
         now = table[(table[:, 0] >= start) & (table[:, 0] < start + window)]
         sides = [now[now[:, 4] == side] for side in (0, 1)]
         left, right = (
-            rectified_cluster(
+            ClusterEvents(
                 Events(e[:, 1].astype(np.uint16), e[:, 2].astype(np.uint16), e[:, 0], e[:, 3] > 0),
                 same,
                 resolution,

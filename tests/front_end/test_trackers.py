@@ -17,11 +17,12 @@ from front_end_scenes import (
     cluster_of,
 )
 from numpy.typing import NDArray
+from shown_events import of_surface, shown
 
 from gpvo.config import TrackingConfig
-from gpvo.events import ClusterEvents, RectifiedEvents, StereoCluster
+from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.tracking import MultiResolutionTracker, Observations, TrackingReport
-from gpvo.tracking.resolutions import from_full_resolution, to_full_resolution
+from gpvo.tracking.tracker import to_full_resolution
 from gpvo.tracking.viso2 import Viso2Tracker
 from gpvo.tracking.viso2.tracker import NO_LANDMARK
 
@@ -130,16 +131,20 @@ def test_half_resolution_pixels_are_the_centre_of_four() -> None:
     four = np.array([[6.0, 8], [7, 8], [6, 9], [7, 9]])
     np.testing.assert_array_equal(to_full_resolution(np.array([[3.0, 4]]), 2)[0], four.mean(axis=0))
     np.testing.assert_array_equal(to_full_resolution(four, 1), four)
-    np.testing.assert_allclose(from_full_resolution(to_full_resolution(four, 2), 2), four)
 
 
-def events_of(image: Image, side: int) -> ClusterEvents:
-    """Make the events of a picture that is shown `side` times as large, three a white pixel."""
+def events_of(image: Image, side: int, each_pixel: bool) -> ClusterEvents:
+    """Make the events of a picture that is shown `side` times as large.
+
+    They are at each pixel, or three in the middle of each white pixel of the picture.
+    """
+    if each_pixel:
+        large = np.kron(image, np.ones((side, side), np.uint8))
+        return of_surface(np.where(large > 0, 0.05, -np.inf))
     points = to_full_resolution(np.argwhere(image)[:, ::-1].astype(np.float64), side)
     points = np.repeat(points, 3, axis=0)
-    events = RectifiedEvents(points, np.full(len(points), 0.05), np.ones(len(points), bool))
-    large = np.kron(image, np.ones((side, side), np.uint8))
-    return ClusterEvents(np.where(large > 0, 0.05, -np.inf), len(points), lambda: events)
+    height, width = image.shape
+    return shown(points, np.full(len(points), 0.05), (side * height, side * width))
 
 
 @pytest.mark.parametrize("image", ["binary", "motion_compensated"])
@@ -156,7 +161,7 @@ def test_half_the_resolution_of_a_picture_twice_as_large_is_the_picture(image: s
                 StereoCluster(
                     start,
                     start + FRAME,
-                    *(events_of(shown, side) for shown in images("side", frame)),
+                    *(events_of(one, side, image == "binary") for one in images("side", frame)),
                 )
             )
             for small_or_large, side in ((small, 1), (large, 2))

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from shown_events import of_surface
 
 from gpvo.config import TrackletConfig
-from gpvo.events import ClusterEvents, StereoCluster
+from gpvo.events import StereoCluster
 from gpvo.mc_ransac import segments_between
 from gpvo.tracking import Measurements, Observations, Tracklets
 from gpvo.tracking.tracklets import LEAST_LANDMARKS, feature_times
@@ -86,7 +87,7 @@ def add(tracklets: Tracklets, frame: int, *sightings: Sighting) -> None:
     columns = np.array(sightings, np.float64).reshape(-1, 6)
     points = columns[:, 1:3]
     tracklets.add(
-        StereoCluster(frame / 8, (frame + 1) / 8, ClusterEvents(left, 0), ClusterEvents(right, 0)),
+        StereoCluster(frame / 8, (frame + 1) / 8, of_surface(left), of_surface(right)),
         Observations(
             columns[:, 0].astype(np.int64),
             np.full(len(columns), frame),
@@ -245,7 +246,7 @@ def test_observations_of_earlier_clusters_are_timed_there() -> None:
     for frame, (_, u, v, _, t, _) in ((0, first), (2, second)):
         left[:] = -np.inf
         left[int(v), int(u)] = t
-        cluster = StereoCluster(frame / 8, frame / 8 + 1 / 8, *[ClusterEvents(left.copy(), 0)] * 2)
+        cluster = StereoCluster(frame / 8, frame / 8 + 1 / 8, *[of_surface(left)] * 2)
         points = np.array([[s[1], s[2]] for s in (first, second)])
         seen = Observations(np.zeros(2, int), np.array([0, 1]), points, points - [8.0, 0])
         nothing = Observations(seen.landmark[:0], seen.frame[:0], points[:0], points[:0])
@@ -257,14 +258,13 @@ def test_observations_of_earlier_clusters_are_timed_there() -> None:
 
 def test_times_of_the_tracker_take_the_place_of_the_surface() -> None:
     tracklets, surface = Tracklets(CONFIG), np.full((HEIGHT, WIDTH), 5 / 64)
-    cluster = StereoCluster(0.0, 1 / 8, *[ClusterEvents(surface, 0)] * 2)
     own = np.array([[1 / 64, 2 / 64], [np.nan, np.nan], [4 / 64, np.nan], [1 / 64, 3 / 64]])
     left = np.column_stack([[20.0] * 4, 10 * np.arange(4) + 5])
     for frame in range(2):
         points = left + np.array([8.0 * frame, 0])
         right = points - np.array([8.0, 0])
         seen = Observations(np.arange(4), np.full(4, frame), points, right, own + frame / 8)
-        tracklets.add(cluster, seen)
+        tracklets.add(StereoCluster(0.0, 1 / 8, *[of_surface(surface)] * 2), seen)
         surface += 1 / 8
     taken = tracklets.take(ALL)
     assert taken.landmark.tolist() == [0, 0, 1, 1, 2, 2]  # 3 fails the stereo filter
@@ -277,7 +277,7 @@ def test_observations_without_events_are_dropped() -> None:
     point = np.array([[20.0, 20.0]])
     for frame in range(3):
         tracklets.add(
-            StereoCluster(frame / 8, (frame + 1) / 8, *[ClusterEvents(nothing, 0)] * 2),
+            StereoCluster(frame / 8, (frame + 1) / 8, *[of_surface(nothing)] * 2),
             Observations(
                 np.array([0]), np.array([frame]), point + 5 * frame, point + 5 * frame - [8, 0]
             ),
@@ -345,7 +345,7 @@ def test_image_speed_is_that_of_the_slower_landmarks_between_the_two_newest_clus
 
 def add_timed(tracklets: Tracklets, frame: int, left: NDArray, t: NDArray) -> None:
     """Add a cluster with landmarks at left pixels (N, 2) and times (N,) that are known."""
-    empty = ClusterEvents(np.full((HEIGHT, WIDTH), -np.inf), 0)
+    empty = of_surface(np.full((HEIGHT, WIDTH), -np.inf))
     tracklets.add(
         StereoCluster(frame / 8, (frame + 1) / 8, empty, empty),
         Observations(
