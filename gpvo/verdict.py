@@ -79,10 +79,12 @@ def verdict(reports: Sequence[ClusterReport]) -> Verdict:
 
 def unmeasured(reports: Sequence[ClusterReport]) -> tuple[Stretch, ...]:
     """Return the stretches of consecutive clusters that hardly measure the motion."""
-    runs = [
-        list(clusters) for few, clusters in groupby(reports, lambda one: one.inliers < FEW) if few
-    ]
+    runs = [list(clusters) for hardly, clusters in groupby(reports, _hardly_measures) if hardly]
     return tuple(Stretch(run[0].start, run[-1].stop) for run in runs)
+
+
+def _hardly_measures(report: ClusterReport) -> bool:
+    return report.inliers < FEW and not report.at_rest
 
 
 def _reasons(stretches: Sequence[Stretch], whole: float, begin: float) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ AUTO: dict[str, Any] = {
         "motion_memory": 1.0,
         "measurement_memory": 5.0,
     },
+    "estimator": {"bridge": 0.75},
 }
 """Any camera and light: noise is learned while the odometry runs.
 
@@ -49,7 +50,7 @@ PAPER: dict[str, Any] = {
         "motion_memory": 0.0,
         "measurement_memory": 0.0,
     },
-    "estimator": {"method": "batch", "window": 5, "relative_decrease": 0.01},
+    "estimator": {"method": "batch", "window": 5, "relative_decrease": 0.01, "bridge": 0.0},
 }
 """Sections III and IV-A of the paper. Clusters are user-specified there: 0.1 s or 20 000 events."""
 

@@ -379,6 +379,13 @@ class EstimatorConfig(StageConfig):
         description="Leave out new measurements whose Mahalanobis distance from their prediction "
         "is larger than that of this share of all inliers, such as 0.9999; 0 takes all.",
     )
+    bridge: float = Field(
+        0.0,
+        ge=0,
+        description="How long the velocity is kept where nothing measures it, seconds: later the "
+        "camera is as likely to stand still, and after such a break the motion is estimated anew. "
+        "0 keeps it for ever, as in the paper.",
+    )
     covariance_interval: float = Field(
         0.02, gt=0, description="Time between states whose joint covariance is kept, seconds."
     )

@@ -75,11 +75,18 @@ class GraphBuilder:
             gtsam.PriorFactorVector(V(state), twist, of_twist),
         ]
 
-    def motion(self, states: Sequence[int], t: Array) -> list[gtsam.NonlinearFactor]:
-        """Make the WNOA prior between each state and the next; t (K,) are their times, seconds."""
+    def motion(
+        self, states: Sequence[int], t: Array, density: Array | None = None
+    ) -> list[gtsam.NonlinearFactor]:
+        """Make the WNOA prior between each state and the next; t (K,) are their times, seconds.
+
+        `density` (K - 1, 6) are the diagonals of Q_c between them, by default the configured one.
+        """
+        dt = np.diff(t)
+        density = np.tile(self.qc, (len(dt), 1)) if density is None else density
         return [
-            WnoaPriorFactor(X(i), V(i), X(j), V(j), dt, self.qc)
-            for i, j, dt in zip(states[:-1], states[1:], np.diff(t), strict=True)
+            WnoaPriorFactor(X(i), V(i), X(j), V(j), step, qc)
+            for i, j, step, qc in zip(states[:-1], states[1:], dt, density, strict=True)
         ]
 
     def reprojection(

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.lie import se3_inverse, se3_log, se3_right_jacobian_inverse
+from factors.lie import se3_adjoint, se3_inverse, se3_log, se3_right_jacobian_inverse
 from factors.wnoa import information_root
 from gpvo.trajectory.states import States
 
@@ -46,11 +46,14 @@ class MotionNoise:
         scale = np.clip(self._squares / self._redundancy, LEAST, MOST)
         return self._start * np.repeat(scale, 3)
 
-    def learn(self, states: States, covariance: Array) -> None:
-        """Add what is known of consecutive states and their covariance (12 K, 12 K)."""
+    def learn(self, states: States, covariance: Array, linearized: States | None = None) -> None:
+        """Add what is known of consecutive states and their covariance (12 K, 12 K).
+
+        `linearized` are the states at which that covariance was found, by default the same.
+        """
         if len(states) < 2:
             return
-        squares, redundancy = self._window(states, covariance)
+        squares, redundancy = self._window(states, covariance, linearized or states)
         if not (np.isfinite(squares).all() and np.isfinite(redundancy).all()):
             return
         passed = min(states.t[-1] - self._until, self._memory * 10)
@@ -59,28 +62,36 @@ class MotionNoise:
         self._squares = keep * self._squares + squares
         self._redundancy = keep * self._redundancy + np.maximum(redundancy, 0.0)
 
-    def _window(self, states: States, covariance: Array) -> tuple[Array, Array]:
+    def _window(self, states: States, covariance: Array, linearized: States) -> tuple[Array, Array]:
         """Compute squared errors, relative to the start's Q_c, and redundancies, (2,) each."""
         dt = np.diff(states.t)
         error = wnoa_errors(states)
         root = information_root(dt)  # (K - 1, 2, 2)
         white = np.einsum("kab,kbi->kai", root, error) / np.sqrt(self._start)
-        spread = np.stack(
-            [
-                self._spread(covariance, i, step, weight)
-                for i, (step, weight) in enumerate(zip(dt, root, strict=True))
-            ]
-        )
+        spread = relative_spread(linearized, covariance, root)
         squares = (white**2).sum(axis=(0, 1)).reshape(2, 3).sum(axis=1)
         redundancy = (2 - spread / self.qc).sum(axis=0).reshape(2, 3).sum(axis=1)
         return squares, redundancy
 
-    def _spread(self, covariance: Array, i: int, dt: float, root: Array) -> Array:
-        """Trace (6,) of the whitened error's covariance, axis by axis, at unit Q_c."""
-        joint = covariance[12 * i : 12 * i + 24, 12 * i : 12 * i + 24].reshape(4, 6, 4, 6)
-        of_axis = np.einsum("aibi->iab", joint)
-        jacobian = root @ np.array([[-1.0, -dt, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])
-        return np.asarray(np.einsum("ra,iab,rb->i", jacobian, of_axis, jacobian))
+
+def relative_spread(states: States, covariance: Array, root: Array) -> Array:
+    """Compute the traces (K - 1, 6) of the whitened errors' covariances, axis by axis, unit Q_c.
+
+    `root` (K - 1, 2, 2) whitens them. What both poses have in common cancels only where the first
+    one's error is seen from the second, hence the adjoint.
+    """
+    T, dt = states.T_world_cam, np.diff(states.t)
+    seen_later = se3_adjoint(se3_inverse(se3_inverse(T[:-1]) @ T[1:]))
+    spread = np.empty((len(dt), 6))
+    for k in range(len(dt)):
+        jacobian = np.zeros((2, 6, 24))
+        jacobian[0, :, :6], jacobian[0, :, 12:18] = -seen_later[k], np.eye(6)
+        jacobian[0, :, 6:12] = -dt[k] * np.eye(6)
+        jacobian[1, :, 6:12], jacobian[1, :, 18:] = -np.eye(6), np.eye(6)
+        white = np.einsum("ab,bin->ain", root[k], jacobian)
+        joint = covariance[12 * k : 12 * k + 24, 12 * k : 12 * k + 24]
+        spread[k] = ((white @ joint) * white).sum(axis=(0, 2))
+    return spread
 
 
 def wnoa_errors(states: States) -> Array:

@@ -60,11 +60,14 @@ class OwnFactors:
     ----------
     new, active
         Those that wait, some for their own time, and those of which all states are in the window.
+    used
+        Whether there were any.
     """
 
     def __init__(self) -> None:
         self.new: list[Waiting] = []
         self.active: list[gtsam.NonlinearFactor] = []
+        self.used = False
 
     def add_to(self, update: GraphUpdate, window: NumberedStates) -> list[Diagnostic]:
         """Add the waiting factors to an update; return a diagnostic for each one that fails."""
@@ -81,6 +84,7 @@ class OwnFactors:
                 continue
             fault = fault_of(factor, values)
             if fault is None:
+                self.used = True
                 self.active.append(factor)
                 update.add_factors([factor])
             else:

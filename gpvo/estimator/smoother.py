@@ -12,6 +12,7 @@ from factors.inner_factor import InnerFactor
 from factors.lie import se3_inverse
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.blas_threads import one_blas_thread
+from gpvo.estimator.dead_reckoning import DeadReckoning
 from gpvo.estimator.diagnostics import Diagnostic, split_usable
 from gpvo.estimator.final_states import correct_final_states
 from gpvo.estimator.gate import within_gate
@@ -31,6 +32,7 @@ from gpvo.estimator.measurement_noise import MeasurementNoise
 from gpvo.estimator.motion_noise import MotionNoise
 from gpvo.estimator.own_factors import LEFT_OUT as OWN_LEFT_OUT
 from gpvo.estimator.own_factors import OwnFactors, Waiting, factors_that_leave
+from gpvo.estimator.segments import Segments
 from gpvo.estimator.state_times import SAME_TIME, Lag, key_interval, key_times, state_times
 from gpvo.estimator.window_landmarks import WindowLandmarks, merged_states
 from gpvo.mc_ransac.iterative import VelocityFit
@@ -87,11 +89,12 @@ class FixedLagSmoother:
             np.array(self._build.noise.measurement_information),
             self._build.noise.measurement_memory,
         )
-        self._lag = Lag(self._config)
+        self._lag, self._reckoning = Lag(self._config), DeadReckoning(self._config.bridge)
         self._landmarks = WindowLandmarks(self._build)
         self._own = OwnFactors()
         self._final: list[States] = []
         self._knots: list[CovarianceKnots] = []
+        self._segments = Segments()
         self._first, self._keys = 0, States()
         self._between: StatesBetween | None = None
         self._solved = 0
@@ -108,8 +111,8 @@ class FixedLagSmoother:
     ) -> None:
         """Take the inlier measurements that a cluster added, which ended at `end_time`, seconds.
 
-        Without any, the prior carries the estimate on to its end. `velocity_estimate`, if given,
-        is where the new states start from.
+        Without any, the prior carries the estimate on to its end; see `DeadReckoning`.
+        `velocity_estimate`, if given, is where the new states start from.
 
         Raises
         ------
@@ -120,7 +123,9 @@ class FixedLagSmoother:
         self.diagnostics += left_out
         update = GraphUpdate()
         with one_blas_thread():
-            if len(self._keys):
+            if self._reckoning.is_over(len(usable)) and not self._own.used:
+                self._begin_again(update, usable.t.min(), velocity_estimate)
+            elif len(self._keys):
                 self._keep_what_leaves()
                 self._learn_noise()
             elif len(usable):
@@ -132,6 +137,7 @@ class FixedLagSmoother:
             accepted = self._accepted(usable)
             self.diagnostics += self._own.add_to(update, self._window)
             self._solve(update, accepted)
+            self._reckoning.measured(end_time, self._keys.twist[-1], len(accepted))
 
     def add(
         self, *factors: InnerFactor, t: float | None = None, velocity: int | None = None
@@ -162,8 +168,12 @@ class FixedLagSmoother:
         keys = [key for k in self.window[: self._solved] for key in (X(k), V(k))]
         if key not in keys:
             raise ValueError(f"{gtsam.DefaultKeyFormatter(key)} is not in the window")
-        own = slice(6 * keys.index(key), 6 * keys.index(key) + 6)
-        return self._covariance()[own, own].copy()
+        place = keys.index(key)
+        own = slice(6 * place, 6 * place + 6)
+        covariance = self._covariance()[own, own].copy()
+        if place % 2:
+            return covariance
+        return covariance + self._segments.pose_covariance(self._keys.T_world_cam[[place // 2]])[0]
 
     @property
     def landmarks(self) -> tuple[NDArray[np.int64], Array]:
@@ -206,8 +216,9 @@ class FixedLagSmoother:
         with one_blas_thread():
             inside = self.states
             now = self._knots_of(inside)
-        knots = CovarianceKnots.joined(CovarianceKnots.extended(self._knots, now))
         states = States.concatenate([*self._final, inside])
+        knots = CovarianceKnots.joined(CovarianceKnots.extended(self._knots, now))
+        knots = self._segments.all_knots(states, knots)
         from_first = not self._has_world
         return Trajectory.of_states(states, knots, self._build.noise, start_ns, from_first)
 
@@ -234,7 +245,7 @@ class FixedLagSmoother:
     def stored_bytes(self) -> int:
         """Size of the final estimates and their covariances."""
         states = sum(part.nbytes for part in self._final)
-        return states + sum(part.nbytes for part in self._knots)
+        return states + self._segments.nbytes + sum(part.nbytes for part in self._knots)
 
     @property
     def _window(self) -> NumberedStates:
@@ -252,6 +263,25 @@ class FixedLagSmoother:
         update.add_states(self._window)
         update.add_factors(self._prior_on_first_state())
 
+    def _begin_again(self, update: GraphUpdate, t: float, velocity: VelocityFit | None) -> None:
+        """Begin a new segment at the last key state before time t, where measurements are again."""
+        first = max(int(np.searchsorted(self._keys.t, t, "right")) - 1, 0)
+        ends = self._states_until(first)
+        now = self._knots_of(ends)
+        if len(now.t):
+            self._knots = CovarianceKnots.extended(self._knots, now)
+        self._final.append(ends)
+        states = States.concatenate(self._final)
+        self._segments.begin(states, CovarianceKnots.joined(self._knots))
+        self._final[-1] = ends[:-1]
+        self._knots, self._leave_before, self._leaving = [], -np.inf, 0
+        self._initial = self._reckoning.state_after(ends)
+        self._first, self._between, self._solved = self._first + first, None, 0
+        self._lag, self._factors = Lag(self._config), {}
+        self._landmarks = WindowLandmarks(self._build)
+        self._start_smoother()
+        self._begin(update, float(ends.t[-1]), velocity)
+
     def _prior_on_first_state(self) -> list[gtsam.NonlinearFactor]:
         T_world_cam, twist = self._keys.T_world_cam[0], self._keys.twist[0]
         covariance = self._first_covariance
@@ -266,8 +296,8 @@ class FixedLagSmoother:
         """Let Q_c follow the motion, and R the residuals in the window."""
         noise, t = self._build.noise, float(self._keys.t[-1])
         learned: dict[str, tuple[float, ...]] = {}
-        if noise.motion_memory > 0 and self._solved > 1:
-            self._motion.learn(self._keys[: self._solved], self._covariance())
+        if noise.motion_memory > 0 and self._solved > 1 and not self._reckoning.in_window:
+            self._motion.learn(self._keys[: self._solved], self._covariance(), self._linearized())
             learned["acceleration_psd"] = tuple(self._motion.qc.tolist())
         factor = self._landmarks.factor
         if noise.measurement_memory > 0 and factor is not None and self._errors.is_due(t):
@@ -276,6 +306,14 @@ class FixedLagSmoother:
             self._errors.learn(t, factor.residuals(values), landmarks)
             learned["measurement_information"] = tuple(self._errors.information.tolist())
         self._build.noise = noise.model_copy(update=learned)
+
+    def _linearized(self) -> States | None:
+        """Key states at which the covariance was found; None if GTSAM does not have them."""
+        numbers, t = self.window[: self._solved], self._keys.t[: self._solved]
+        try:
+            return states_of(self._linearization_point, numbers, t)
+        except FAILURES:
+            return None
 
     def _keep_what_leaves(self) -> None:
         """Keep the states that the latest cluster made old, and their covariances."""
@@ -302,7 +340,14 @@ class FixedLagSmoother:
         new = self._keys[-1:].at(t, ahead)
         self._keys = States.concatenate([self._keys, new])
         update.add_states(self._window.after(count))
-        update.add_factors(self._build.motion(self.window[count - 1 :], self._keys.t[count - 1 :]))
+        self._reckoning.extend(float(last), float(t[-1]))
+        update.add_factors(self._motion_since(count - 1))
+
+    def _motion_since(self, first: int) -> list[gtsam.NonlinearFactor]:
+        """Make the WNOA priors from a key state on, and what is guessed of the velocity."""
+        numbers, t = self.window[first:], self._keys.t[first:]
+        density = self._reckoning.densities(t, self._build.qc)
+        return [*self._build.motion(numbers, t, density), *self._reckoning.at_rest(numbers, t)]
 
     def _interval(self, measurements: Measurements) -> float:
         """Longest time between two key states, seconds."""
@@ -419,6 +464,7 @@ class FixedLagSmoother:
         """Begin the window at the first key state that stays."""
         self._first, self._keys, self._leaving = self._first + self._leaving, stays, 0
         self._own.keep({key(k) for k in self.window for key in (X, V)})
+        self._reckoning.forget(float(stays.t[0]))
 
     def _states_until(self, last: int) -> States:
         """Return the states in the window up to the key state number `last`."""
@@ -432,8 +478,8 @@ class FixedLagSmoother:
             self._final.append(self._old[:-1])
             self._leave(self._keys[leaving:])
         self._start_smoother()
-        update, t = GraphUpdate(), self._keys.t
-        motion = self._build.motion(self.window, t)
+        update = GraphUpdate()
+        motion = self._motion_since(0)
         update.add_factors([*self._prior_on_first_state(), *motion, *self._own.active])
         update.add_states(self._window)
         # A prior is of the first state; with another one it says nothing.

@@ -44,5 +44,9 @@ class ClusterLength:
         return duration, round(max(usual, LEAST * self._pixels))
 
     def add(self, events: int) -> None:
-        """Remember the number of events of a cluster, in the camera that had more."""
-        self._counts.append(events)
+        """Remember the number of events of a cluster, in the camera that had more.
+
+        Clusters of a camera at rest do not say what is usual in motion.
+        """
+        if events >= LEAST * self._pixels:
+            self._counts.append(events)

@@ -14,6 +14,8 @@ LONGEST = 0.3
 """What lasts longer is the new normal, seconds."""
 REMEMBERED = 10
 """Number of latest clusters that say what is usual."""
+QUIET = 0.1
+"""Share of the usual coverage below which a cluster says nothing: the camera is at rest."""
 
 
 class FlashDetector:
@@ -36,8 +38,9 @@ class FlashDetector:
             self._durations.clear()
             self._coverages.clear()
         self._skipped = 0.0
-        self._durations.append(duration)
-        self._coverages.append(coverage)
+        if coverage >= QUIET * float(np.median(self._coverages or [0.0])):
+            self._durations.append(duration)
+            self._coverages.append(coverage)
         return False
 
     def _is_unusual(self, duration: float, coverage: float) -> bool:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gpvo.config.stages import CompensationConfig
 from gpvo.events import ClusterEvents, StereoCluster
+from gpvo.events.noise_level import NoiseLevel
 from gpvo.tracking.event_sums import CELL, Flow, Sums, add_events, mean_delays, motion_at
 from gpvo.tracking.observations import Observations
 
@@ -93,8 +94,9 @@ class CompensatedImage:
 class MotionCompensation:
     """Pictures of clusters, compensated by the image motion of the features tracked in them.
 
-    Where (almost) no event came nothing moved: such a cluster has the pictures before it, at its
-    own time, so that features are seen at rest.
+    Where (almost) no event came but the noise of both cameras, nothing moved: such a cluster has
+    the pictures before it, at its own time, so that features are seen at rest. Without noise the
+    cameras may as well have failed.
 
     `frames` is the number of latest clusters to which observations may belong. Pixels of the
     pictures are `side` pixels of the events wide; all positions are pixels of the pictures.
@@ -106,15 +108,17 @@ class MotionCompensation:
         self._images: deque[tuple[CompensatedImage, CompensatedImage]] = deque(maxlen=frames)
         self._frame_count = 0
         self.at_rest = False
+        self._moving: tuple[CompensatedImage, ...] = ()
         self._recent: Observations | None = None
         self._full_count: deque[float] = deque(maxlen=USUAL)
+        self._noise, self._still = NoiseLevel(), False
 
     def pictures(self, cluster: StereoCluster) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Make the left and right picture of a new cluster at the middle of its interval."""
         middle = 0.5 * (cluster.start + cluster.stop)
         self.at_rest = len(self._images) > 0 and self._is_still(cluster)
         if self.at_rest:
-            left, right = (image.held(middle) for image in self._images[-1])
+            left, right = (image.held(middle) for image in self._moving)
         else:
             left, right = (
                 CompensatedImage.of_events(image, flow, middle, self._side)
@@ -122,6 +126,8 @@ class MotionCompensation:
                     (cluster.left, cluster.right), self._flows(cluster), strict=True
                 )
             )
+            if not self._still:
+                self._moving = left, right
         self._images.append((left, right))
         self._frame_count += 1
         return left.picture, right.picture
@@ -129,10 +135,12 @@ class MotionCompensation:
     def _is_still(self, cluster: StereoCluster) -> bool:
         """Compare the events of both cameras with those of recent clusters."""
         count = cluster.left.contour_count + cluster.right.contour_count
-        still = len(self._full_count) > 0 and count < STILL * np.max(self._full_count)
-        if not still:
+        full = np.max(self._full_count, initial=0.0)
+        self._still = bool(count < STILL * full)
+        if not self._still:
             self._full_count.append(count)
-        return bool(still)
+            self._noise.clear()
+        return self._still and self._noise.is_noise(cluster)
 
     def timed(self, seen: Observations) -> Observations:
         """Move observations from the pictures to the mean times of their events; add the times.

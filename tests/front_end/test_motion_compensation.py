@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shown_events import shown
+from shown_events import of_surface, shown
 
 from gpvo.config.stages import CompensationConfig
 from gpvo.events import ClusterEvents, StereoCluster
@@ -119,20 +119,23 @@ def cluster_at(start: float, events: ClusterEvents, noise_count: float = 0.0) ->
 
 
 def scattered(start: float, count: int) -> ClusterEvents:
+    """Make events at random pixels of the whole sensor."""
     rng = np.random.default_rng(count)
-    t = np.sort(rng.uniform(start, start + 0.06, count))
-    return shown(rng.uniform([2, 2], [77, 57], (count, 2)), t, SHAPE)
+    surface = np.full(SHAPE, -np.inf)
+    pixels = rng.permutation(surface.size)[:count]
+    surface.ravel()[pixels] = rng.uniform(start, start + 0.06, count)
+    return of_surface(surface)
 
 
-@pytest.mark.parametrize(("events", "noise_count"), [(20, 0.0), (500, 490.0)])
+@pytest.mark.parametrize(("events", "noise_count"), [(120, 0.0), (500, 490.0)])
 def test_at_rest_pictures_are_held_and_times_go_on(events: int, noise_count: float) -> None:
-    """Few events, or hardly more than the sensor's noise: nothing moved."""
+    """Few events from all over, or hardly more than the sensor's noise: nothing moved."""
     compensation = MotionCompensation(CompensationConfig(time_radius=4.0), frames=5)
     places = np.random.default_rng(3).uniform([15, 12], [65, 48], (12, 2))
     pictures, observed = [], []
     for number in range(5):
         start, still = 0.06 * number, number >= 3
-        seen = scattered(start, events if still else 1000)
+        seen = scattered(start, events if still else 3000)
         pictures.append(
             compensation.pictures(cluster_at(start, seen, noise_count if still else 0.0))
         )

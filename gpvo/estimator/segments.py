@@ -1,0 +1,57 @@
+"""Segments of a trajectory between breaks, each with covariances relative to its own first pose.
+
+After a break the first pose is uncertain by decimetres, the motion from there on by millimetres.
+One graph of both would lose the latter to linearisation. So the smoother begins again after a
+break as if its first pose were known, and what that pose is uncertain by is added to its states':
+the error e of the first pose is Ad(T_k^-1 T_first) e at the state k.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.lie import se3_adjoint, se3_inverse
+from gpvo.trajectory.covariance_knots import CovarianceKnots
+from gpvo.trajectory.states import States
+
+Array = NDArray[np.float64]
+
+
+class Segments:
+    """The knots of earlier segments, and how uncertain the present one's first pose is."""
+
+    def __init__(self) -> None:
+        self._earlier: list[CovarianceKnots] = []
+        self._T_world_first, self._covariance = np.eye(4), np.zeros((6, 6))
+
+    @property
+    def nbytes(self) -> int:
+        """Size of the earlier segments' knots."""
+        return sum(part.nbytes for part in self._earlier)
+
+    def all_knots(self, states: States, knots: CovarianceKnots) -> CovarianceKnots:
+        """Return all knots in the world, given those of the present segment and all states."""
+        return CovarianceKnots.joined([*self._earlier, self._in_world(states, knots)])
+
+    def begin(self, states: States, knots: CovarianceKnots) -> None:
+        """Begin a segment at the end of the present one, given its knots and all states."""
+        known = self._in_world(states, knots)
+        self._earlier.append(known)
+        self._T_world_first = states.T_world_cam[-1]
+        self._covariance = known.joint[-1, 12:18, 12:18]
+
+    def pose_covariance(self, T_world_cam: Array) -> Array:
+        """Return what the poses (N, 4, 4) are uncertain by as the first one is, (N, 6, 6)."""
+        moved = se3_adjoint(se3_inverse(T_world_cam) @ self._T_world_first)
+        return np.asarray(moved @ self._covariance @ moved.transpose(0, 2, 1))
+
+    def _in_world(self, states: States, knots: CovarianceKnots) -> CovarianceKnots:
+        if len(knots.t) == 0 or not self._covariance.any():
+            return knots
+        T = states.T_world_cam[np.searchsorted(states.t, knots.t)]
+        moved = se3_adjoint(se3_inverse(T) @ self._T_world_first)
+        by_first = np.zeros((len(T) - 1, 24, 6))
+        by_first[:, :6], by_first[:, 12:18] = moved[:-1], moved[1:]
+        added = by_first @ self._covariance @ by_first.transpose(0, 2, 1)
+        return CovarianceKnots(knots.t, knots.joint + added)

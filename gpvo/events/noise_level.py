@@ -1,0 +1,56 @@
+"""Tell the noise of a camera at rest from the few events that a faulty one still sends.
+
+Noise comes from all of the sensor, contours from some of it. With n events in each of many blocks
+of pixels, (var n - mean n) / (mean n)^2 is the squared coefficient of variation of their rates:
+about 0 for noise, 0.3 and more for the contours of a scene, whatever share of their events is left.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpvo.events.clustering import ClusterEvents, StereoCluster
+
+BLOCK = 16
+"""Side of the blocks, pixels."""
+UNIFORM = 0.2
+"""Squared coefficient of variation up to which events are noise alone."""
+LEAST = 3.0
+"""Mean number of events per block below which nothing can be told."""
+REMEMBERED = 5
+"""Number of clusters that are judged together where one has too few events."""
+
+
+class NoiseLevel:
+    """Judges consecutive clusters that hold almost no events."""
+
+    def __init__(self) -> None:
+        self._counts: deque[NDArray[np.float64]] = deque(maxlen=REMEMBERED)
+
+    def clear(self) -> None:
+        """Begin again."""
+        self._counts.clear()
+
+    def is_noise(self, cluster: StereoCluster) -> bool:
+        """Return whether both cameras send noise, as cameras at rest do, and nothing else."""
+        self._counts.appendleft(np.stack([block_counts(cluster.left), block_counts(cluster.right)]))
+        count = np.zeros_like(self._counts[0])
+        for latest in self._counts:
+            count += latest
+            mean = count.mean(axis=1)
+            if (mean >= LEAST).all():
+                return bool(np.mean((count.var(axis=1) - mean) / mean**2) < UNIFORM)
+        return False
+
+
+def block_counts(events: ClusterEvents) -> NDArray[np.float64]:
+    """Return the numbers of pixels with events, block by block of the sensor."""
+    height, width = events.table.shape[:2]
+    rows, columns = height // BLOCK, width // BLOCK
+    seen = np.zeros((height, width), np.bool_)
+    seen[events.events.y, events.events.x] = True
+    blocks = seen[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK)
+    return np.asarray(blocks.sum(axis=(1, 3)).ravel(), np.float64)

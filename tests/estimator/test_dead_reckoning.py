@@ -1,0 +1,137 @@
+"""Where nothing measures the motion: it does not go on for ever, and it begins anew afterwards."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import X
+
+from benchmarks.simulated_tracklets import TrackletSimulation
+from gpvo.config import EstimatorConfig, NoiseConfig
+from gpvo.estimator import FixedLagSmoother, InitialState
+from gpvo.estimator.dead_reckoning import DeadReckoning
+from gpvo.evaluation.metrics.nees import nees
+from gpvo.tracking import Measurements
+from gpvo.trajectory import States, Trajectory
+
+BRIDGE, PERIOD = 0.3, 0.05
+NOTHING = Measurements.concatenate([])
+NOISE = NoiseConfig(track_drift=0.0, initial_velocity=0.3)
+
+
+def run(
+    seed: int, gap: tuple[float, float], duration: float, bridge: float = BRIDGE
+) -> tuple[Trajectory, States, FixedLagSmoother]:
+    """Estimate tracklets of which those in a gap are missing; return the true motion too."""
+    simulation, rng = TrackletSimulation(NOISE, per_cluster=20), np.random.default_rng(seed)
+    motion = simulation.motion(duration, rng)
+    smoother = FixedLagSmoother(simulation.camera, NOISE, EstimatorConfig(bridge=bridge))
+    for end_time, measurements in simulation.clusters(motion, rng):
+        if gap[0] < end_time <= gap[1] + 1e-9:
+            measurements = NOTHING
+        smoother.update(end_time, measurements)
+    trajectory = smoother.trajectory()
+    assert trajectory is not None
+    return trajectory, motion, smoother
+
+
+def test_a_velocity_that_is_not_measured_is_forgotten() -> None:
+    trajectory, _, _ = run(1, (1.0, 4.0), 4.0)
+    speed = np.linalg.norm(trajectory.velocity([1.0, 4.0 - 1e-6]), axis=1)
+    way = np.linalg.norm(trajectory.pose([1.0, 4.0 - 1e-6])[:, :3, 3], axis=1)
+    assert speed[1] < 1e-3 * speed[0]
+    assert way[1] - way[0] < (BRIDGE + 0.3) * speed[0]
+    deviation = np.sqrt(trajectory.covariance([1.0, 2.0, 3.0, 4.0 - 1e-6])[:, 3, 3])
+    assert (np.diff(deviation) > 0.05).all()
+
+
+def test_the_prior_alone_keeps_the_velocity() -> None:
+    trajectory, _, _ = run(1, (1.0, 4.0), 4.0, bridge=0.0)
+    v = trajectory.velocity([1.0, 4.0 - 1e-6])
+    np.testing.assert_allclose(v[1], v[0], atol=1e-6)
+
+
+def test_a_short_gap_is_bridged_as_the_prior_does() -> None:
+    short, kept = (run(2, (1.0, 1.25), 2.0, bridge)[0] for bridge in (BRIDGE, 0.0))
+    np.testing.assert_array_equal(short.T_world_cam, kept.T_world_cam)
+    np.testing.assert_array_equal(short.knot_covariance, kept.knot_covariance)
+
+
+def test_after_a_break_the_error_is_what_the_covariance_says() -> None:
+    """Mean NEES of 20 runs; that of the motion since the break as good as without one."""
+    t = np.array([2.5, 2.9])
+    found = np.array([nees(*run(seed, (1.0, 2.0), 3.0)[:2], t) for seed in range(20)])
+    pose, velocity = found.mean(axis=0)
+    assert (pose < 9).all() and (velocity > 3).all() and (velocity < 9).all()
+
+
+def test_after_a_break_the_motion_is_as_certain_as_before() -> None:
+    trajectory, _, smoother = run(3, (1.0, 2.0), 3.0)
+    velocity = np.sqrt(np.diagonal(trajectory.covariance([0.9, 2.9])[:, 6:, 6:], 0, 1, 2))
+    np.testing.assert_allclose(velocity[1], velocity[0], rtol=0.5)
+    pose = np.sqrt(np.diagonal(trajectory.covariance([0.9, 2.9])[:, :6, :6], 0, 1, 2))
+    assert (pose[1] > 10 * pose[0]).all()
+    newest = smoother.window[-1]
+    np.testing.assert_allclose(
+        smoother.marginalCovariance(X(newest)),
+        trajectory.covariance(smoother.window_times[-1])[:6, :6],
+        rtol=1e-6,
+        atol=1e-12,
+    )
+    assert (np.diff(trajectory.t) > 0).all()
+
+
+def test_with_factors_of_your_own_the_graph_stays_one() -> None:
+    """A GPS-like factor after the break must be able to correct the pose."""
+    simulation, rng = TrackletSimulation(NOISE, per_cluster=20), np.random.default_rng(4)
+    motion = simulation.motion(2.5, rng)
+    smoother = FixedLagSmoother(simulation.camera, NOISE, EstimatorConfig(bridge=BRIDGE))
+    exact = gtsam.noiseModel.Isotropic.Sigma(6, 1e-3)
+    for end_time, measurements in simulation.clusters(motion, rng):
+        inside = 1.0 < end_time <= 2.0 + 1e-9
+        smoother.update(end_time, NOTHING if inside else measurements)
+        if abs(end_time - 0.5) < 1e-9 or end_time > 2.2:
+            k = smoother.window[-1]
+            pose = gtsam.Pose3(motion.query(np.array([end_time]))[0][0])
+            smoother.add(gtsam.PriorFactorPose3(X(k), pose, exact))
+    trajectory = smoother.trajectory()
+    assert trajectory is not None
+    true = motion.query(np.array([2.4]))[0][0]
+    np.testing.assert_allclose(trajectory.pose(2.4)[:3, 3], true[:3, 3], atol=0.01)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.05, 0.1])
+def test_the_guessed_velocity_settles_at_the_speed_seen_last(dt: float) -> None:
+    """Of the Riccati equation of prior and measurement, the solution is the speed's square."""
+    reckoning = DeadReckoning(BRIDGE)
+    reckoning.measured(0.0, np.array([0.3, 0, 0, 0, 0.4, 0.0]), 100)
+    reckoning.extend(BRIDGE, BRIDGE + dt)
+    t = np.array([BRIDGE, BRIDGE + dt])
+    qc = reckoning.densities(t, np.zeros(6))[0]
+    (factor,) = reckoning.at_rest(range(2), t)
+    assert isinstance(factor, gtsam.PriorFactorVector)
+    R = np.array(factor.noiseModel().sigmas()) ** 2
+    predicted = np.repeat([0.3, 0.4], 3) ** 2
+    # before the measurement the variance is s^2 / (1 - K), after it s^2
+    ahead = predicted + qc * dt
+    np.testing.assert_allclose(ahead * R / (ahead + R), predicted, rtol=1e-6)
+
+
+@pytest.mark.parametrize("deviation", [0.01, 0.2])
+def test_learned_noise_does_not_depend_on_what_is_known_of_the_first_pose(
+    deviation: float,
+) -> None:
+    """What all poses have in common is no error of the motion between them."""
+    noise = NoiseConfig(track_drift=0.0, motion_memory=1.0)
+    simulation, rng = TrackletSimulation(noise, per_cluster=30), np.random.default_rng(5)
+    motion = simulation.motion(0.5, rng)
+    learned = []
+    for pose in (1e-6, deviation):
+        covariance = np.diag(np.repeat([pose, 1.0], 6) ** 2)
+        initial = InitialState(np.eye(4), np.zeros(6), covariance)
+        smoother = FixedLagSmoother(simulation.camera, noise, initial=initial)
+        for end_time, measurements in simulation.clusters(motion, np.random.default_rng(6)):
+            smoother.update(end_time, measurements)
+        learned.append(smoother.noise.acceleration_psd)
+    np.testing.assert_allclose(learned[1], learned[0], rtol=0.02)
