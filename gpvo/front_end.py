@@ -104,6 +104,14 @@ class FrontEnd:
         """Cut a stream into clusters, each to be processed before the next one is taken."""
         return self.clustering.clusters(batches)
 
+    def limit_features(self, share: float) -> None:
+        """Track a share of the configured features, from 0 to 1, as long as time is short.
+
+        A tracker of a user's own is left alone.
+        """
+        if isinstance(self._tracker, MultiResolutionTracker):
+            self._tracker.limit_features(share)
+
     def image_speed(self) -> float | None:
         """Return the speed of the features in the latest clusters, tracked pixels per second.
 

@@ -125,6 +125,10 @@ class Odometry:
             if is_lost(self.reports):
                 log.warning("%s", lost_stage(self.reports))
 
+    def limit_features(self, share: float) -> None:
+        """Track a share of the configured features, from 0 to 1, as long as time is short."""
+        self._front_end.limit_features(share)
+
     def trajectory(self, start_ns: int = 0) -> Trajectory | None:
         """The trajectory so far; None before the first measurement."""
         return self.estimator.trajectory(start_ns)

@@ -67,6 +67,11 @@ class MultiResolutionTracker:
             for index, found in enumerate(parts)
         )
 
+    def limit_features(self, share: float) -> None:
+        """Look for a share of the configured features, from 0 to 1; LIBVISO2's has no limit."""
+        for tracker in self._trackers:
+            tracker.limit_features(share)
+
     @property
     def report(self) -> TrackingReport:
         """Report of the latest cluster, of all resolutions together."""
@@ -95,6 +100,11 @@ class _ResolutionTracker:
             left=to_full_resolution(seen.left, self._side),
             right=to_full_resolution(seen.right, self._side),
         )
+
+    def limit_features(self, share: float) -> None:
+        """Look for a share of the configured features."""
+        if isinstance(self._tracker, KltTracker):
+            self._tracker.share = share
 
     @property
     def report(self) -> TrackingReport:

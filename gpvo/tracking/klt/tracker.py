@@ -56,7 +56,10 @@ class _Frame:
 
 
 class KltTracker:
-    """Tracker of the features of one resolution; see `gpvo.tracking.Tracker`."""
+    """Tracker of the features of one resolution; see `gpvo.tracking.Tracker`.
+
+    `share` of the configured features is looked for, from 0 to 1.
+    """
 
     def __init__(self, config: TrackingConfig) -> None:
         self._config = config.klt
@@ -65,6 +68,7 @@ class KltTracker:
         self._frame_count = 0
         self._landmark_count = 0
         self.report = TrackingReport(0, 0, 0, 0)
+        self.share = 1.0
 
     def track(self, left: Image, right: Image) -> Observations:
         """Follow the known landmarks into a new stereo frame and find new ones there."""
@@ -135,7 +139,7 @@ class KltTracker:
         points, _, strength = extrema(
             frame.left_image.image, self._features.nms_radius, self._features.response_threshold
         )
-        wanted = self._config.max_features - len(frame.landmark)
+        wanted = int(self.share * self._config.max_features) - len(frame.landmark)
         chosen = strongest_spaced(points, strength, frame.left, self._config.spacing, wanted)
         return points[chosen].astype(np.float32)
 

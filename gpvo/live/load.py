@@ -1,0 +1,75 @@
+"""Shedding of load when the computer cannot keep up: features first, then events."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gpvo.recordings.streams import EventBlock
+
+BEHIND = 0.06
+"""Age of what waits at which more is shed, seconds."""
+CAUGHT_UP = 0.02
+"""Age at which less is shed, once it has been below for `PATIENCE`, seconds."""
+HURRY = 0.05
+"""Seconds after which more is shed again."""
+PATIENCE = 0.5
+LONGEST = 0.25
+"""Age at which what waits is thrown away, seconds."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Share of the features that are tracked, and of the events that are used: one of `stride`."""
+
+    features: float
+    stride: int
+
+
+LEVELS = (Level(1.0, 1), Level(0.5, 1), Level(0.25, 1), Level(0.25, 2), Level(0.25, 4))
+"""What is shed, in this order."""
+
+
+class Load:
+    """How much is shed, by how long events wait until they are taken.
+
+    Attributes
+    ----------
+    thinned, discarded
+        Numbers of events that were shed: some of many, and all of a time.
+    worst
+        The highest level so far.
+    """
+
+    def __init__(self) -> None:
+        self.thinned = self.discarded = self.worst = 0
+        self._level = 0
+        self._raised = self._behind = -float("inf")
+
+    @property
+    def level(self) -> Level:
+        """What is shed now."""
+        return LEVELS[self._level]
+
+    @property
+    def is_full(self) -> bool:
+        """Nothing is shed."""
+        return self._level == 0
+
+    def update(self, age: float, now: float) -> None:
+        """Take account of the age of what waits longest, seconds, at the time `now`."""
+        if age > CAUGHT_UP:
+            self._behind = now
+        if age > BEHIND and now - self._raised > HURRY:
+            self._change(1, now)
+        elif now - max(self._behind, self._raised) > PATIENCE:
+            self._change(-1, now)
+
+    def thin(self, block: EventBlock) -> EventBlock:
+        """Return the share of a camera's events that is used, and count the others."""
+        thinned = block[:: self.level.stride]
+        self.thinned += len(block) - len(thinned)
+        return thinned
+
+    def _change(self, step: int, now: float) -> None:
+        self._level = min(max(self._level + step, 0), len(LEVELS) - 1)
+        self._raised, self.worst = now, max(self.worst, self._level)
