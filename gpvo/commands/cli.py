@@ -11,6 +11,7 @@ from gpvo.commands.convert import convert_recording
 from gpvo.commands.evaluate import evaluate
 from gpvo.commands.info import info
 from gpvo.commands.inspect import inspect_front_end
+from gpvo.commands.live import live
 from gpvo.commands.run import demo, run
 from gpvo.commands.tune_noise import tune_noise
 from gpvo.config import PRESETS, Configuration, configuration_text
@@ -52,6 +53,7 @@ def print_configuration(
 
 
 app.command()(run)
+app.command()(live)
 app.command()(demo)
 app.command(name="eval")(evaluate)
 app.command(name="tune-noise")(tune_noise)

@@ -18,7 +18,7 @@ UNFINISHED = "unfinished: the poses that were final when gpvo run last wrote, or
 
 @contextmanager
 def live_file(
-    path: Path, final_states: Callable[[float], States], start_ns: int
+    path: Path, final_states: Callable[[float], States], start_ns: Callable[[], int]
 ) -> Iterator[Callable[[], None]]:
     """Write a TUM file; each call appends, in whole lines, the poses that have become final.
 
@@ -30,7 +30,7 @@ def live_file(
     final_states
         Function that returns the final states after a time, seconds.
     start_ns
-        Absolute stamp of t = 0, nanoseconds.
+        Function that returns the absolute stamp of t = 0, nanoseconds, once there are states.
     """
     last = -np.inf
     try:
@@ -42,7 +42,7 @@ def live_file(
                 nonlocal last
                 final = final_states(last)
                 if len(final):
-                    stamps_ns = start_ns + np.rint(final.t * 1e9).astype(np.int64)
+                    stamps_ns = start_ns() + np.rint(final.t * 1e9).astype(np.int64)
                     lines = tum_lines(StampedPoses(stamps_ns, final.T_world_cam))
                     file.write("".join(lines).encode("ascii"))
                     last = final.t[-1]

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from gpvo.cluster_report import ClusterReport
+from gpvo.live.session import LiveSession
 
 
 @contextmanager
@@ -35,6 +36,29 @@ def run_progress(
                 f" tracklets, {done / spent:.2f} x real time"
             )
             bar.update(task, completed=done, seconds=done, speed=speed)
+
+        yield advance
+
+
+@contextmanager
+def live_progress(
+    console: Console, session: LiveSession
+) -> Iterator[Callable[[ClusterReport], None]]:
+    """Show time, real-time factor, inliers, latency and what was shed, a cluster a call."""
+    began = time.perf_counter()
+    columns = TextColumn("{task.fields[seconds]:.2f} s"), TextColumn("{task.fields[state]}")
+    with Progress(*columns, console=console) as line:
+        task = line.add_task("", total=None, seconds=0.0, state="compiling")
+
+        def advance(report: ClusterReport) -> None:
+            load, spent = session.load, time.perf_counter() - began
+            latency = session.latency.seconds[-1:] or [0.0]
+            shed = load.thinned + load.discarded
+            state = (
+                f"{report.stop / spent:.2f} x real time, {report.inliers} of {report.tracklets}"
+                f" tracklets, latency {1e3 * latency[0]:.0f} ms, {shed} events shed"
+            )
+            line.update(task, seconds=report.stop, state=state)
 
         yield advance
 

@@ -35,7 +35,7 @@ from gpvo.evaluation.report.table import to_rich
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
 from gpvo.simulation import SimulationConfig, simulate
-from gpvo.trajectory import StampedPoses
+from gpvo.trajectory import StampedPoses, Trajectory
 from gpvo.verdict import Verdict, verdict
 
 DEAD_RECKONING = 3
@@ -101,7 +101,7 @@ def run_and_write(
     meter = CostMeter()
     odometry = Odometry(recording.rig, configuration, meter.stage)
     final_states = odometry.estimator.final_states
-    live = live_file(folder / "trajectory.tum", final_states, recording.start_ns)
+    live = live_file(folder / "trajectory.tum", final_states, lambda: recording.start_ns)
     stop = min(start + duration, recording.duration)
     with run_progress(console, start, stop) as show, live as append_final:
 
@@ -110,14 +110,26 @@ def run_and_write(
             append_final()
 
         trajectory = odometry.run(recording, start, duration, advance)
+    write_results(folder, odometry, trajectory, truth, meter, console)
+    return verdict(odometry.reports)
+
+
+def write_results(
+    folder: Path,
+    odometry: Odometry,
+    trajectory: Trajectory,
+    truth: StampedPoses | None,
+    meter: CostMeter,
+    console: Console,
+) -> None:
+    """Write a result folder, and print what was found."""
+    reports = odometry.reports
     save_trajectory(trajectory, folder)
-    events = sum(report.events for report in odometry.reports)
-    cost = meter.total(stop - start, events)
+    events = sum(report.events for report in reports)
+    cost = meter.total(reports[-1].stop - reports[0].start, events)
     evaluation = evaluate_trajectory(trajectory, truth) if truth else None
     diagnostics = odometry.estimator.diagnostics
-    result = Result(
-        trajectory, odometry.reports, diagnostics, odometry.configuration, evaluation, truth
-    )
+    result = Result(trajectory, reports, diagnostics, odometry.configuration, evaluation, truth)
     result.write(folder)
     write_cost(folder, cost)
     console.print(result.table())
@@ -127,4 +139,3 @@ def run_and_write(
         for table in evaluation_tables(evaluation):
             console.print(to_rich(table))
     console.print(f"results: {folder}")
-    return verdict(odometry.reports)

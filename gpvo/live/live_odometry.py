@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from threading import Lock
+from typing import Any
 
 from gpvo.cluster_report import ClusterReport
 from gpvo.config import Configuration
@@ -37,6 +40,8 @@ class LiveOdometry:
     patience
         Event time after which a camera that is behind the other is not waited for, seconds. Events
         that come later still are left out, and counted in `late`. inf waits for ever.
+    stage
+        Entered around every stage with the stage's name, to time it.
 
     Attributes
     ----------
@@ -50,12 +55,15 @@ class LiveOdometry:
         configuration: Configuration | None = None,
         observer: Observer = no_observer,
         patience: float = 0.5,
+        stage: Callable[[str], AbstractContextManager[Any]] = nullcontext,
     ) -> None:
         self._pairing = StereoPairing(rig, patience)
         self._latest: MotionEstimate | None = None
         self._lock = Lock()
         self._closed = False
-        self.odometry = Odometry(rig, configuration, observer=observers(self._keep, observer))
+        self.odometry = Odometry(
+            rig, configuration, stage, observer=observers(self._keep, observer)
+        )
         self.reports = self.odometry.reports
 
     @property

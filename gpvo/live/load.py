@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 from gpvo.recordings.streams import EventBlock
 
-BEHIND = 0.06
-"""Age of what waits at which more is shed, seconds."""
 CAUGHT_UP = 0.02
-"""Age at which less is shed, once it has been below for `PATIENCE`, seconds."""
-HURRY = 0.05
-"""Seconds after which more is shed again."""
+"""Age of what waits at which the computer has caught up, seconds; a cluster makes it older."""
+HURRY = 0.15
+"""Time without having caught up after which more is shed, and again, seconds."""
 PATIENCE = 0.5
+"""Time after which less is shed if it catches up, seconds."""
 LONGEST = 0.25
 """Age at which what waits is thrown away, seconds."""
 
@@ -43,7 +42,7 @@ class Load:
     def __init__(self) -> None:
         self.thinned = self.discarded = self.worst = 0
         self._level = 0
-        self._raised = self._behind = -float("inf")
+        self._changed = self._caught_up = 0.0
 
     @property
     def level(self) -> Level:
@@ -57,11 +56,12 @@ class Load:
 
     def update(self, age: float, now: float) -> None:
         """Take account of the age of what waits longest, seconds, at the time `now`."""
-        if age > CAUGHT_UP:
-            self._behind = now
-        if age > BEHIND and now - self._raised > HURRY:
+        if age < CAUGHT_UP:
+            self._caught_up = now
+        is_behind, unchanged = now - self._caught_up > HURRY, now - self._changed
+        if is_behind and unchanged > HURRY:
             self._change(1, now)
-        elif now - max(self._behind, self._raised) > PATIENCE:
+        elif not is_behind and unchanged > PATIENCE:
             self._change(-1, now)
 
     def thin(self, block: EventBlock) -> EventBlock:
@@ -72,4 +72,4 @@ class Load:
 
     def _change(self, step: int, now: float) -> None:
         self._level = min(max(self._level + step, 0), len(LEVELS) - 1)
-        self._raised, self.worst = now, max(self.worst, self._level)
+        self._changed, self.worst = now, max(self.worst, self._level)

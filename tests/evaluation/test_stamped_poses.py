@@ -100,7 +100,7 @@ def test_appended_lines_equal_the_written_file(random_walk, tmp_path):
     write_tum(tmp_path / "whole.tum", poses)
     states = States(poses.seconds, poses.T_world_cam, np.zeros((len(poses), 6)))
     start_ns, path = int(poses.stamps_ns[0]), tmp_path / "appended.tum"
-    with live_file(path, lambda last: states.after(last)[:3], start_ns) as append_final:
+    with live_file(path, lambda last: states.after(last)[:3], lambda: start_ns) as append_final:
         for _ in range(0, len(poses) + 3, 3):
             append_final()
             on_disk = path.read_bytes()

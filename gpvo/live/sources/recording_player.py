@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class RecordingPlayer:
         begin = time.perf_counter() + START_UP
         for batch in self._recording.event_batches(self._start, self._stop):
             edges = np.append(np.arange(batch.start, batch.stop, PACKET), batch.stop)
-            for start, stop in zip(edges[:-1], edges[1:], strict=True):
+            for start, stop in pairwise(edges.tolist()):
                 arrival = begin + (stop - self._start) / self._speed
                 time.sleep(max(0.0, arrival - time.perf_counter()))
                 if not self._is_open:

@@ -1,0 +1,105 @@
+"""Latency of the live odometry, and what it sheds when the source is too fast.
+
+python -m benchmarks.live [--speeds 1,2,4,10] [--seconds 5] [--resolution 346x260]
+
+A latency is the time from the arrival of a cluster's last events to the estimate that contains
+them. A speed of 2 gives a recording twice as fast as it was recorded.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpvo import Configuration, LiveOdometry, Odometry, Trajectory
+from gpvo.live.session import LiveSession
+from gpvo.live.sources import RecordingPlayer
+from gpvo.live.warm_up import warm_up
+from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
+
+
+@dataclass(frozen=True)
+class LiveRun:
+    """What became of a recording that was played `speed` times as fast as recorded.
+
+    Attributes
+    ----------
+    latency
+        (3,) median, 95 % and 99 %, seconds.
+    shed
+        Share of the events that were left out, from 0 to 1.
+    level
+        Highest level of shedding, 0 to 4; see `gpvo.live.load`.
+    error
+        Largest distance of the path from that of a run without a clock, metres.
+    """
+
+    speed: float
+    latency: tuple[float, float, float]
+    shed: float
+    level: int
+    error: float
+
+    def row(self) -> str:
+        """Return a row of the table."""
+        median, most, nearly_all = (1e3 * each for each in self.latency)
+        return (
+            f"{self.speed:6g} {median:8.0f} {most:8.0f} {nearly_all:8.0f} {100 * self.shed:7.1f}"
+            f" {self.level:6d} {1e3 * self.error:10.1f}"
+        )
+
+
+HEADER = " speed  50% ms  95% ms  99% ms  shed %  level  error mm"
+
+
+def live_run(recording: SimulatedRecording, speed: float, reference: Trajectory) -> LiveRun:
+    """Play a recording, and compare the path with that of `Odometry.run`."""
+    live = LiveOdometry(recording.rig)
+    session = LiveSession(live, recording.rig, RecordingPlayer(recording, speed))
+    session.run()
+    trajectory = live.close()
+    events = len(recording.left) + len(recording.right)
+    return LiveRun(
+        speed,
+        tuple(session.latency.percentiles().tolist()),
+        (session.load.thinned + session.load.discarded) / events,
+        session.load.worst,
+        np.nan if trajectory is None else largest_distance(trajectory, reference),
+    )
+
+
+def largest_distance(trajectory: Trajectory, reference: Trajectory) -> float:
+    """Return the largest distance of two paths at the same times, metres."""
+    start, stop = max(trajectory.start, reference.start), min(trajectory.stop, reference.stop)
+    t = np.linspace(start, stop, 200)
+    apart = trajectory.pose(t)[:, :3, 3] - reference.pose(t)[:, :3, 3]
+    return float(np.linalg.norm(apart, axis=1).max())
+
+
+def main() -> None:
+    """Print a table with a row for each speed."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--speeds", default="1,2,4,10")
+    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--resolution", default="346x260")
+    given = parser.parse_args()
+    width, height = map(int, given.resolution.split("x"))
+    config = SimulationConfig(
+        seed=3,
+        duration=given.seconds,
+        resolution=(width, height),
+        focal_length=226.0 * width / 346,
+        noise_rate=1.0,
+    )
+    recording = simulate(config)
+    warm_up(Configuration())
+    reference = Odometry(recording.rig).run(recording)
+    print(HEADER)
+    for speed in map(float, given.speeds.split(",")):
+        print(live_run(recording, speed, reference).row(), flush=True)
+
+
+if __name__ == "__main__":
+    main()

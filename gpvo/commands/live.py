@@ -1,0 +1,131 @@
+"""`gpvo live`: estimate the motion of running cameras, or of a recording at its own pace."""
+
+from __future__ import annotations
+
+from contextlib import closing, nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from gpvo.cluster_report import ClusterReport
+from gpvo.commands.inputs import (
+    Calibration,
+    Config,
+    LeftTopic,
+    Output,
+    RightTopic,
+    Seed,
+    configured,
+    console,
+)
+from gpvo.commands.interruption import INTERRUPTED, end_at_ctrl_c
+from gpvo.commands.live_trajectory import live_file
+from gpvo.commands.progress import live_progress
+from gpvo.commands.result import FILES
+from gpvo.commands.run import write_results
+from gpvo.errors import InputError
+from gpvo.evaluation.report.result_folder import make_folder
+from gpvo.evaluation.report.run_time import CostMeter
+from gpvo.live import LiveOdometry
+from gpvo.live.recorder import Recorder
+from gpvo.live.session import LiveSession
+from gpvo.live.sources import SOURCES, RecordingPlayer, Source, is_camera, open_cameras
+from gpvo.live.warm_up import warm_up
+from gpvo.lost_stage import lost_stage
+from gpvo.recordings import StereoRig, open_recording, read_calibration
+
+
+def live(
+    source: Annotated[str, typer.Argument(help=f"Recording to play, or {SOURCES}.")],
+    calibration: Calibration = None,
+    speed: Annotated[float, typer.Option(min=0.01, help="Of a recording: 1 is its own.")] = 1.0,
+    output: Output = None,
+    record: Annotated[Path | None, typer.Option(help="File to keep the events in.")] = None,
+    config: Config = None,
+    start: Annotated[float, typer.Option(min=0, help="Of a recording: seconds to skip.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(min=0, help="Seconds to run.")] = None,
+    seed: Seed = None,
+    left_topic: LeftTopic = None,
+    right_topic: RightTopic = None,
+) -> None:
+    """Estimate the motion while events come; Ctrl-C ends it and writes the results.
+
+    Exit status 130 after Ctrl-C.
+    """
+    configuration = configured(config, seed)
+    span = start, np.inf if duration is None else duration
+    rig, events = _opened(source, calibration, speed, span, left_topic, right_topic)
+    folder = make_folder(output or Path("results") / _name(source), FILES)
+    recorder = Recorder(record, rig) if record else None
+    with console.status("getting ready"):
+        warm_up(configuration)
+    meter = CostMeter()
+    odometry = LiveOdometry(rig, configuration, stage=meter.stage)
+    session = LiveSession(odometry, rig, events, recorder)
+    final_states = odometry.odometry.estimator.final_states
+    file = live_file(folder / "trajectory.tum", final_states, lambda: odometry.start_ns or 0)
+    with live_progress(console, session) as show, file as append_final:
+
+        def advance(report: ClusterReport) -> None:
+            show(report)
+            append_final()
+            if report.stop - odometry.reports[0].start >= span[1]:
+                events.close()
+
+        with (
+            end_at_ctrl_c(events.close) as interruption,
+            closing(recorder) if recorder else nullcontext(),
+        ):
+            session.run(advance)
+            trajectory = odometry.close()
+    if trajectory is None and interruption.happened:
+        raise typer.Exit(INTERRUPTED)
+    if trajectory is None:
+        lost = lost_stage(odometry.reports) if odometry.reports else "no events came"
+        raise InputError(f"{source}: no landmark could be tracked: {lost}")
+    write_results(folder, odometry.odometry, trajectory, None, meter, console)
+    _say(session)
+    if interruption.happened:
+        raise typer.Exit(INTERRUPTED)
+
+
+def _opened(
+    source: str,
+    calibration: Path | None,
+    speed: float,
+    span: tuple[float, float],
+    left_topic: str | None,
+    right_topic: str | None,
+) -> tuple[StereoRig, Source]:
+    """Open cameras or a recording, and the rig of either."""
+    if not is_camera(source):
+        recording = open_recording(Path(source), calibration, left_topic, right_topic)
+        return recording.rig, RecordingPlayer(recording, speed, *span)
+    if calibration is None:
+        raise InputError(f"{source}: --calibration is needed for cameras")
+    rig = read_calibration(calibration)
+    return rig, open_cameras(source, rig)
+
+
+def _name(source: str) -> str:
+    return source.partition("://")[0] if is_camera(source) else Path(source).stem
+
+
+def _say(session: LiveSession) -> None:
+    """Print latency, and what was shed or repaired."""
+    median, most, nearly_all = (f"{1e3 * each:.0f}" for each in session.latency.percentiles())
+    console.print(
+        f"latency after a cluster's last event: median {median} ms, 95 % {most} ms,"
+        f" 99 % {nearly_all} ms"
+    )
+    load = session.load
+    if load.worst:
+        console.print(
+            f"left out because the computer could not keep up: {load.thinned:,} events by thinning,"
+            f" {load.discarded:,} that had waited too long",
+            style="yellow",
+        )
+    for kind, count in sorted(session.faults.items()):
+        console.print(f"{count:,} {kind}", style="yellow")

@@ -1,0 +1,23 @@
+"""Compile, or load what is compiled, before the first event: later it would cost their latency."""
+
+from __future__ import annotations
+
+from gpvo.config import Configuration
+from gpvo.live.live_odometry import LiveOdometry
+from gpvo.live.session import raw
+from gpvo.live.sources import RecordingPlayer
+from gpvo.simulation import SimulationConfig, simulate
+
+SIMULATED = SimulationConfig(duration=0.4, resolution=(120, 90), focal_length=80.0, noise_rate=2.0)
+
+
+def warm_up(configuration: Configuration) -> None:
+    """Estimate a short simulated motion, and forget it."""
+    recording = simulate(SIMULATED)
+    live = LiveOdometry(recording.rig, configuration)
+    for packet in RecordingPlayer(recording, speed=1e3).packets():
+        live.push(raw(packet.left), raw(packet.right))
+    live.close()
+    newest = live.latest()
+    if newest is not None:
+        newest.at(newest.t + 0.1)

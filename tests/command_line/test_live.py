@@ -1,0 +1,115 @@
+"""`gpvo live` from a recording that is played: results, what is kept, and Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from run_files import RecordingFiles
+
+from gpvo import Trajectory, open_recording
+from gpvo.commands.live_trajectory import UNFINISHED
+from gpvo.recordings import Events
+from gpvo.trajectory import read_tum
+
+COMMAND = [sys.executable, "-c", "from gpvo.commands.cli import main; main()"]
+
+
+def arguments(recording: RecordingFiles, output: Path, *more: str | Path) -> list[str]:
+    files = [recording.data, "--calibration", recording.calibration, "--config", recording.config]
+    return [*COMMAND, "live", *map(str, [*files, "--output", output, *more])]
+
+
+def test_results_are_written_and_the_events_kept(recording: RecordingFiles, tmp_path: Path) -> None:
+    kept, output = tmp_path / "kept.aedat4", tmp_path / "out"
+    command = arguments(recording, output, "--speed", "0.5", "--record", kept)
+    ended = subprocess.run(command, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    assert "latency" in ended.stdout and "verdict" in ended.stdout
+    poses, trajectory = (
+        read_tum(output / "trajectory.tum"),
+        Trajectory.load(output / "trajectory.npz"),
+    )
+    assert len(poses) == len(trajectory) > 100
+    first, again = open_recording(recording.data, recording.calibration), open_recording(kept)
+    assert again.start_ns == first.start_ns
+    for side in ("left", "right"):
+        a, b = (
+            Events.concatenate(getattr(batch, side) for batch in each.event_batches())
+            for each in (first, again)
+        )
+        np.testing.assert_array_equal(a.x, b.x)
+        np.testing.assert_array_equal(a.polarity, b.polarity)
+        np.testing.assert_allclose(a.t, b.t, atol=1e-9)
+
+    refused = subprocess.run(command, capture_output=True, text=True)
+    assert refused.returncode == 2 and refused.stderr.startswith(f"gpvo: {kept}: exists")
+    assert refused.stderr.count("\n") == 1
+
+
+def wait_for_poses(process: subprocess.Popen, file: Path) -> None:
+    deadline = time.monotonic() + 120
+    while not (file.exists() and len(file.read_bytes()) > 500):
+        assert process.poll() is None and time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_ctrl_c_ends_with_the_results_so_far(recording: RecordingFiles, tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        arguments(recording, tmp_path / "out", "--speed", "0.1"),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    file = tmp_path / "out" / "trajectory.tum"
+    try:
+        wait_for_poses(process, file)
+        unfinished = file.read_text()
+        assert unfinished.startswith(f"# {UNFINISHED}\n") and unfinished.endswith("\n")
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130, said
+    assert "ending, results follow" in said and "Traceback" not in said
+    trajectory = Trajectory.load(tmp_path / "out" / "trajectory.npz")
+    assert 0.1 < trajectory.stop < open_recording(recording.data, recording.calibration).duration
+    assert (tmp_path / "out" / "metrics.json").exists() and (tmp_path / "out" / "path.png").exists()
+
+
+def test_a_second_ctrl_c_ends_at_once(recording: RecordingFiles, tmp_path: Path) -> None:
+    code = (
+        "import time; from gpvo.commands.interruption import end_at_ctrl_c\n"
+        "with end_at_ctrl_c(lambda: None):\n    print('on', flush=True); time.sleep(60)"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        assert "Ctrl-C again ends at once" in process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=10) == 130
+    finally:
+        process.kill()
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("dv://127.0.0.1:1,2", "--calibration is needed for cameras"),
+        ("nothing.hdf5", "nothing.hdf5: no such file"),
+    ],
+)
+def test_bad_input_is_one_line(source: str, message: str, tmp_path: Path) -> None:
+    command = [*COMMAND, "live", source]
+    ended = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert ended.returncode == 2
+    assert message in ended.stderr and ended.stderr.count("\n") == 1
