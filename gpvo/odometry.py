@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, TypeVar
 
@@ -14,9 +14,9 @@ import numpy as np
 from gpvo.cluster_report import ClusterReport
 from gpvo.config import Configuration
 from gpvo.errors import InputError
-from gpvo.estimator import Estimator, make_estimator, one_blas_thread
+from gpvo.estimator import Estimator, GatheredMeasurements, make_estimator, one_blas_thread
 from gpvo.events import StereoCluster
-from gpvo.front_end import FrontEnd
+from gpvo.front_end import FrontEnd, TrackedCluster
 from gpvo.lost_stage import EARLY, is_lost, lost_stage
 from gpvo.observer import Observer, Step, no_observer
 from gpvo.recordings import Recording, StereoEvents, StereoRig
@@ -55,9 +55,9 @@ class Odometry:
         self._front_end = FrontEnd(rig, configuration or Configuration(), tracker, stage)
         self.configuration = self._front_end.configuration
         self.camera = self._front_end.camera
-        self.estimator = estimator or make_estimator(
-            self.camera, self._front_end.noise, self.configuration.estimator
-        )
+        config = self.configuration.estimator
+        self.estimator = estimator or make_estimator(self.camera, self._front_end.noise, config)
+        self._measurements = GatheredMeasurements(self.estimator, config.interval)
 
     def run(
         self,
@@ -88,9 +88,8 @@ class Odometry:
 
     def reports_of(self, batches: Iterable[StereoEvents]) -> Iterator[ClusterReport]:
         """Estimate the motion during a whole stream, and report every cluster."""
-        for batch in batches:
-            yield from self.push(batch)
-        yield from self.end()
+        yield from self._reports(self._front_end.clusters(batches))
+        self._measurements.flush()
 
     def push(self, batch: StereoEvents) -> Iterator[ClusterReport]:
         """Estimate the motion during the clusters that the next batch completes, and report them.
@@ -101,18 +100,28 @@ class Odometry:
 
     def end(self) -> Iterator[ClusterReport]:
         """Estimate the motion during what is left after the last batch."""
-        return self._reports(self._front_end.clustering.end())
+        yield from self._reports(self._front_end.clustering.end())
+        self._measurements.flush()
 
     def _reports(self, clusters: Iterator[StereoCluster]) -> Iterator[ClusterReport]:
-        for cluster in self._staged("events and clustering", clusters):
-            with one_blas_thread():
-                report = self._process(cluster)
-            yield report
+        """Process clusters: a cluster is tracked while the one before is estimated.
 
-    def _process(self, cluster: StereoCluster) -> ClusterReport:
-        tracked = self._front_end.process(cluster)
-        with self._stage("estimation"):
-            self.estimator.update(cluster.stop, tracked.measurements, tracked.velocity_estimate)
+        Nothing is estimated while a report is out, so that the estimator may be asked then.
+        """
+        with ThreadPoolExecutor(1) as thread:
+            before: Future[ClusterReport] | None = None
+            for cluster in self._staged("events and clustering", clusters):
+                with one_blas_thread():
+                    tracked = self._front_end.process(cluster)
+                if before is not None:
+                    yield before.result()
+                before = thread.submit(self._estimate, cluster, tracked)
+            if before is not None:
+                yield before.result()
+
+    def _estimate(self, cluster: StereoCluster, tracked: TrackedCluster) -> ClusterReport:
+        with self._stage("estimation"), one_blas_thread():
+            self._measurements.add(cluster.stop, tracked.measurements, tracked.velocity_estimate)
         self.reports.append(ClusterReport.of(cluster, tracked))
         self._warn_if_lost()
         self._observer(Step(cluster, tracked, self.reports[-1], self.estimator))

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 # Compilation delays the first run. Wrappers that nobody calls are therefore left out, and kernels
 # take no integers, because numba would compile them again for each literal integer.
-kernel = njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)
+kernel = njit(cache=True, error_model="numpy", no_cfunc_wrapper=True, nogil=True)
 inner_kernel = njit(  # called by kernels only
     cache=True,
     error_model="numpy",

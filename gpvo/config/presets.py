@@ -50,7 +50,13 @@ PAPER: dict[str, Any] = {
         "motion_memory": 0.0,
         "measurement_memory": 0.0,
     },
-    "estimator": {"method": "batch", "window": 5, "relative_decrease": 0.01, "bridge": 0.0},
+    "estimator": {
+        "method": "batch",
+        "interval": 0.0,
+        "window": 5,
+        "relative_decrease": 0.01,
+        "bridge": 0.0,
+    },
 }
 """Sections III and IV-A of the paper. Clusters are user-specified there: 0.1 s or 20 000 events."""
 

@@ -345,8 +345,17 @@ class EstimatorConfig(StageConfig):
         "from before the window and takes factors of your own; batch: Gauss-Newton over the window "
         "alone, every state and landmark a variable of a GTSAM graph, as in the paper.",
     )
+    interval: float = Field(
+        0.04,
+        ge=0,
+        description="Shortest time between two updates, seconds: shorter clusters are estimated "
+        "together. 0 updates at every cluster, as in the paper.",
+    )
     window: int = Field(
-        5, ge=2, description="Lag in clusters: how many of the latest are in the window."
+        4,
+        ge=2,
+        description="Lag in updates, which are at clusters' ends: how many of the latest are in "
+        "the window.",
     )
     lag: float | None = Field(
         None, gt=0, description="Lag in seconds, instead of the one in clusters; null for that one."

@@ -3,6 +3,7 @@
 from gpvo.estimator.blas_threads import one_blas_thread
 from gpvo.estimator.diagnostics import Diagnostic
 from gpvo.estimator.estimator import Estimator, make_estimator
+from gpvo.estimator.gathered import GatheredMeasurements
 from gpvo.estimator.initialization import InitialState
 from gpvo.estimator.smoother import FixedLagSmoother
 
@@ -10,6 +11,7 @@ __all__ = [
     "Diagnostic",
     "Estimator",
     "FixedLagSmoother",
+    "GatheredMeasurements",
     "InitialState",
     "make_estimator",
     "one_blas_thread",

@@ -31,7 +31,7 @@ class Estimator(Protocol):
         measurements: Measurements,
         velocity_estimate: VelocityFit | None = None,
     ) -> None:
-        """Take what a cluster added, which ended at `end_time`, seconds."""
+        """Take what clusters added, the last of which ended at `end_time`, seconds."""
         ...
 
     @property

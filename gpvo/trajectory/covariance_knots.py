@@ -66,7 +66,8 @@ class CovarianceKnots:
         G = np.concatenate([gains[:-1], gains[1:]], axis=1)
         left = G - np.concatenate([weights[:-1], weights[1:]], axis=1)
         change = G @ (after - before) @ G.transpose(0, 2, 1) + left @ C @ left.transpose(0, 2, 1)
-        return CovarianceKnots(self.t, self.joint + change)
+        joint = self.joint + change
+        return CovarianceKnots(self.t, 0.5 * (joint + joint.transpose(0, 2, 1)))
 
     def _gains(self) -> Array:
         """(M, 12, 12) regression of each knot's error on that of the last one."""

@@ -1,0 +1,73 @@
+"""Measurements of short clusters reach the estimator once each, in order, not too often."""
+
+from __future__ import annotations
+
+from threading import Thread
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from threadpoolctl import threadpool_info
+
+from gpvo.estimator import Estimator, GatheredMeasurements, one_blas_thread
+from gpvo.tracking.measurements import Measurements
+
+
+def measured(landmarks: list[int], t: float) -> Measurements:
+    count = len(landmarks)
+    return Measurements(
+        np.array(landmarks, np.int64),
+        np.zeros(count, np.int64),
+        np.full(count, t),
+        np.ones((count, 3)),
+    )
+
+
+@given(
+    st.lists(st.floats(0.005, 0.1), min_size=1, max_size=20),
+    st.sampled_from([0.0, 0.02, 0.04, 0.2]),
+)
+@settings(deadline=None, max_examples=60)
+def test_every_measurement_is_passed_on_once_and_updates_are_an_interval_apart(
+    durations: list[float], interval: float
+) -> None:
+    calls: list[tuple[float, list[int]]] = []
+    estimator = SimpleNamespace(
+        update=lambda stop, added, velocity: calls.append((stop, added.landmark.tolist()))
+    )
+    gathered = GatheredMeasurements(cast(Estimator, estimator), interval)
+    stops = np.cumsum(durations).tolist()
+    for number, stop in enumerate(stops):
+        gathered.add(stop, measured([2 * number, 2 * number + 1], stop - 0.001), None)
+    regular = len(calls)
+    gathered.flush()
+    gathered.flush()
+    assert [one for _, landmarks in calls for one in landmarks] == list(range(2 * len(stops)))
+    assert calls[0][0] == stops[0] and calls[-1][0] == stops[-1]
+    assert len(calls) <= regular + 1
+    assert (np.diff([stop for stop, _ in calls[:regular]]) >= interval).all()
+    if interval == 0:
+        assert regular == len(stops)
+
+
+def threads() -> set[int]:
+    return {
+        library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+    }
+
+
+def test_one_blas_thread_holds_until_the_last_of_all_threads_leaves() -> None:
+    before = threads()
+    with one_blas_thread():
+        other = Thread(target=enter_and_leave)
+        other.start()
+        other.join()
+        assert threads() == {1}
+    assert threads() == before
+
+
+def enter_and_leave() -> None:
+    with one_blas_thread():
+        pass
