@@ -16,7 +16,7 @@ FEW = 12
 SAME_VIEW = (
     "is the calibration that of these cameras, are left and right swapped, are their clocks apart"
 )
-EARLY = 2.0
+EARLY = 1.0
 """Time after which a stream without inliers is not just beginning, seconds."""
 
 

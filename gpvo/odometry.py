@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -16,14 +15,14 @@ from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.estimator import Estimator, GatheredMeasurements, make_estimator, one_blas_thread
 from gpvo.events import StereoCluster
+from gpvo.faults import Fault, FaultWatch
 from gpvo.front_end import FrontEnd, TrackedCluster
-from gpvo.lost_stage import EARLY, is_lost, lost_stage
+from gpvo.lost_stage import lost_stage
 from gpvo.observer import Observer, Step, no_observer
 from gpvo.recordings import Recording, StereoEvents, StereoRig
 from gpvo.tracking import Tracker
 from gpvo.trajectory import Trajectory
-
-log = logging.getLogger("gpvo.odometry")
+from gpvo.verdict import Verdict, verdict
 
 T = TypeVar("T")
 
@@ -36,8 +35,8 @@ class Odometry:
 
     `stage`, if given, is entered around every stage with the stage's name, to time it. `tracker`
     and `estimator` take the place of those that the configuration names. `observer` is called with
-    a `Step` after each cluster. If most clusters of the
-    first two seconds have no inliers, a warning says where landmarks are lost.
+    a `Step` after each cluster. Faults of the events are said while they come, each kind once, also
+    where landmarks are lost if most clusters of the first second have no inliers.
     """
 
     def __init__(
@@ -51,7 +50,7 @@ class Odometry:
     ) -> None:
         self.reports: list[ClusterReport] = []
         self._stage, self._observer = stage, observer
-        self._is_early = True
+        self._watch = FaultWatch()
         self._front_end = FrontEnd(rig, configuration or Configuration(), tracker, stage)
         self.configuration = self._front_end.configuration
         self.camera = self._front_end.camera
@@ -81,14 +80,12 @@ class Odometry:
                 progress(report)
         trajectory = self.trajectory(recording.start_ns)
         if trajectory is None:
-            raise InputError(
-                f"{recording.path}: no landmark could be tracked: {lost_stage(self.reports)}"
-            )
+            raise InputError(f"{recording.path}: no landmark could be tracked: {self._why_lost()}")
         return trajectory
 
     def reports_of(self, batches: Iterable[StereoEvents]) -> Iterator[ClusterReport]:
         """Estimate the motion during a whole stream, and report every cluster."""
-        yield from self._reports(self._front_end.clusters(batches))
+        yield from self._reports(self._front_end.clusters(self._watched(batches)))
         self._measurements.flush()
 
     def push(self, batch: StereoEvents) -> Iterator[ClusterReport]:
@@ -96,7 +93,8 @@ class Odometry:
 
         A batch that starts later than the one before stopped follows time without data.
         """
-        return self._reports(self._front_end.clustering.add(batch))
+        (watched,) = self._watched([batch])
+        return self._reports(self._front_end.clustering.add(watched))
 
     def end(self) -> Iterator[ClusterReport]:
         """Estimate the motion during what is left after the last batch."""
@@ -113,26 +111,43 @@ class Odometry:
             for cluster in self._staged("events and clustering", clusters):
                 with one_blas_thread():
                     tracked = self._front_end.process(cluster)
+                report = ClusterReport.of(cluster, tracked)
+                self._watch.see_cluster(cluster, report)
                 if before is not None:
                     yield before.result()
-                before = thread.submit(self._estimate, cluster, tracked)
+                before = thread.submit(self._estimate, cluster, tracked, report)
             if before is not None:
                 yield before.result()
 
-    def _estimate(self, cluster: StereoCluster, tracked: TrackedCluster) -> ClusterReport:
+    def _watched(self, batches: Iterable[StereoEvents]) -> Iterator[StereoEvents]:
+        """The same batches, each looked at for faults."""
+        for batch in batches:
+            self._watch.see_events(batch)
+            yield batch
+
+    def _estimate(
+        self, cluster: StereoCluster, tracked: TrackedCluster, report: ClusterReport
+    ) -> ClusterReport:
         with self._stage("estimation"), one_blas_thread():
             self._measurements.add(cluster.stop, tracked.measurements, tracked.velocity_estimate)
-        self.reports.append(ClusterReport.of(cluster, tracked))
-        self._warn_if_lost()
-        self._observer(Step(cluster, tracked, self.reports[-1], self.estimator))
-        return self.reports[-1]
+        self.reports.append(report)
+        self._observer(Step(cluster, tracked, report, self.estimator))
+        return report
 
-    def _warn_if_lost(self) -> None:
-        """Say once, after the first two seconds, where landmarks are lost if most are."""
-        if self._is_early and self.reports[-1].stop - self.reports[0].start >= EARLY:
-            self._is_early = False
-            if is_lost(self.reports):
-                log.warning("%s", lost_stage(self.reports))
+    def _why_lost(self) -> str:
+        """Say where landmarks are lost, and what was found before."""
+        kinds = [fault.kind for fault in self.faults if fault.harms and fault.kind != "lost"]
+        before = f"; found before: {', '.join(kinds)}" if kinds else ""
+        return lost_stage(self.reports) + before
+
+    @property
+    def faults(self) -> list[Fault]:
+        """Faults that were found so far."""
+        return self._watch.faults
+
+    def verdict(self) -> Verdict:
+        """Judge the run so far, after at least one cluster."""
+        return verdict(self.reports, self.faults, self.trajectory())
 
     def limit_features(self, share: float) -> None:
         """Track a share of the configured features, from 0 to 1, as long as time is short."""

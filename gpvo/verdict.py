@@ -1,4 +1,4 @@
-"""Verdict on a run: how much of it was measured, and how much is dead reckoning."""
+"""Verdict on a run: how much of it was measured, how much is dead reckoning, what was faulty."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Literal
 
+import numpy as np
+
 from gpvo.cluster_report import ClusterReport
+from gpvo.faults import Fault
+from gpvo.trajectory import Trajectory
 
 FEW = 6
 """Number of inliers below which a cluster hardly measures the motion: twice the smallest sample."""
@@ -41,40 +45,68 @@ class Verdict:
     Attributes
     ----------
     word
-        good, degraded where a part is dead reckoning, failed where most of it is.
+        good, degraded where a part is dead reckoning or the events are faulty, failed where most of
+        it is dead reckoning.
     reasons
         What was seen, a line each; none for a good run.
     dead_reckoning
         Share of the time with fewer than FEW inliers, from 0 to 1.
     stretches
         Where they are.
+    deviation
+        Standard deviation of the position after the longest of them, metres; None if unknown.
+    faults
+        What was found in the events, those that do no harm too.
     """
 
     word: Literal["good", "degraded", "failed"]
     reasons: tuple[str, ...]
     dead_reckoning: float
     stretches: tuple[Stretch, ...]
+    deviation: float | None = None
+    faults: tuple[Fault, ...] = ()
 
     def to_dict(self) -> dict[str, object]:
         """Return the verdict as plain values."""
+        longest = max((one.duration for one in self.stretches), default=0.0)
         return {
             "verdict": self.word,
             "reasons": list(self.reasons),
             "dead_reckoning": self.dead_reckoning,
+            "longest_dead_reckoning_s": longest,
+            "deviation_after_it_m": self.deviation,
             "stretches_s": [[one.start, one.stop] for one in self.stretches],
+            "faults": [fault.to_dict() for fault in self.faults],
         }
 
 
-def verdict(reports: Sequence[ClusterReport]) -> Verdict:
-    """Judge a run by the inliers of its clusters, in order of time, one or more."""
+def verdict(
+    reports: Sequence[ClusterReport],
+    faults: Sequence[Fault] = (),
+    trajectory: Trajectory | None = None,
+) -> Verdict:
+    """Judge a run by its clusters, one or more in order of time, and by what was found faulty."""
     stretches = unmeasured(reports)
     whole = reports[-1].stop - reports[0].start
     share = sum(one.duration for one in stretches) / whole
+    deviation = _deviation(stretches, trajectory)
+    known = f"; then the position is known to {deviation:.2f} m" if deviation else ""
+    harm = tuple(f"{one.kind} from {one.t:.2f} s on" for one in faults if one.harms)
     if share >= MOSTLY:
-        reason = f"{100 * share:.0f} % of the time is dead reckoning: {_listed(stretches)}"
-        return Verdict("failed", (reason,), share, stretches)
-    reasons = _reasons(stretches, whole, reports[0].start)
-    return Verdict("degraded" if reasons else "good", reasons, share, stretches)
+        reason = f"{100 * share:.0f} % of the time is dead reckoning: {_listed(stretches)}{known}"
+        return Verdict("failed", (reason, *harm), share, stretches, deviation, tuple(faults))
+    reasons = (*_reasons(stretches, whole, reports[0].start, known), *harm)
+    word: Literal["degraded", "good"] = "degraded" if reasons else "good"
+    return Verdict(word, reasons, share, stretches, deviation, tuple(faults))
+
+
+def _deviation(stretches: Sequence[Stretch], trajectory: Trajectory | None) -> float | None:
+    """Return the position's standard deviation after the longest stretch, metres."""
+    if not stretches or trajectory is None or len(trajectory.knots) < 2:
+        return None
+    longest = max(stretches, key=lambda one: one.duration)
+    stop = np.clip(longest.stop, trajectory.start, trajectory.stop)
+    return float(np.sqrt(np.trace(trajectory.covariance(stop)[3:6, 3:6])))
 
 
 def unmeasured(reports: Sequence[ClusterReport]) -> tuple[Stretch, ...]:
@@ -87,7 +119,9 @@ def _hardly_measures(report: ClusterReport) -> bool:
     return report.inliers < FEW and not report.at_rest
 
 
-def _reasons(stretches: Sequence[Stretch], whole: float, begin: float) -> tuple[str, ...]:
+def _reasons(
+    stretches: Sequence[Stretch], whole: float, begin: float, known: str
+) -> tuple[str, ...]:
     reasons = []
     late = [one for one in stretches if one.start == begin and one.duration > START_UP]
     if late:
@@ -96,7 +130,7 @@ def _reasons(stretches: Sequence[Stretch], whole: float, begin: float) -> tuple[
     long = [one for one in later if one.duration > SHORT]
     share = sum(one.duration for one in later) / whole
     if long:
-        reasons.append(f"dead reckoning of more than {SHORT:g} s: {_listed(long)}")
+        reasons.append(f"dead reckoning of more than {SHORT:g} s: {_listed(long)}{known}")
     elif share > RARE:
         reasons.append(f"{100 * share:.0f} % of the time is dead reckoning: {_listed(later)}")
     return tuple(reasons)

@@ -19,7 +19,7 @@ from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import COST_FILE
 from gpvo.evaluation.report.weak_stretches import weak_stretches
 from gpvo.trajectory import StampedPoses, Trajectory, write_tum
-from gpvo.verdict import verdict
+from gpvo.verdict import Verdict
 
 FILES = (
     "trajectory.tum",
@@ -44,6 +44,7 @@ class Result:
     reports: list[ClusterReport]
     diagnostics: list[Diagnostic]
     configuration: Configuration
+    verdict: Verdict
     evaluation: Evaluation | None = None
     ground_truth: StampedPoses | None = None
 
@@ -70,7 +71,7 @@ class Result:
             "median_tracklets": float(np.median([report.tracklets for report in self.reports])),
             "median_inliers": float(np.median([report.inliers for report in self.reports])),
         }
-        run |= verdict(self.reports).to_dict()
+        run |= self.verdict.to_dict()
         errors = None if self.evaluation is None else self.evaluation.to_dict()
         diagnostics = [diagnostic.to_dict() for diagnostic in self.diagnostics]
         return {"run": run, "errors": errors, "diagnostics": diagnostics}
@@ -113,8 +114,7 @@ class Result:
             rows["flashes left out"] = f"{run['flashes']}, {run['flashes_s']:.3f} s"
         if run["at_rest_s"] > 0:
             rows["at rest"] = f"{run['at_rest_s']:.2f} s"
-        judged = verdict(self.reports)
-        rows["verdict"] = "; ".join([judged.word, *judged.reasons])
+        rows["verdict"] = "; ".join([self.verdict.word, *self.verdict.reasons])
         if self.diagnostics:
             rows["left out or rebuilt"] = f"{len(self.diagnostics)}, listed in metrics.json"
         table = Table(show_header=False)

@@ -36,7 +36,7 @@ from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
 from gpvo.simulation import SimulationConfig, simulate
 from gpvo.trajectory import StampedPoses, Trajectory
-from gpvo.verdict import Verdict, verdict
+from gpvo.verdict import Verdict
 
 DEAD_RECKONING = 3
 """Exit status for a trajectory that is mostly dead reckoning."""
@@ -110,8 +110,7 @@ def run_and_write(
             append_final()
 
         trajectory = odometry.run(recording, start, duration, advance)
-    write_results(folder, odometry, trajectory, truth, meter, console)
-    return verdict(odometry.reports)
+    return write_results(folder, odometry, trajectory, truth, meter, console)
 
 
 def write_results(
@@ -121,15 +120,16 @@ def write_results(
     truth: StampedPoses | None,
     meter: CostMeter,
     console: Console,
-) -> None:
-    """Write a result folder, and print what was found."""
+) -> Verdict:
+    """Write a result folder, and print what was found; return the verdict."""
     reports = odometry.reports
     save_trajectory(trajectory, folder)
     events = sum(report.events for report in reports)
     cost = meter.total(reports[-1].stop - reports[0].start, events)
     evaluation = evaluate_trajectory(trajectory, truth) if truth else None
-    diagnostics = odometry.estimator.diagnostics
-    result = Result(trajectory, reports, diagnostics, odometry.configuration, evaluation, truth)
+    diagnostics, judged = odometry.estimator.diagnostics, odometry.verdict()
+    configuration = odometry.configuration
+    result = Result(trajectory, reports, diagnostics, configuration, judged, evaluation, truth)
     result.write(folder)
     write_cost(folder, cost)
     console.print(result.table())
@@ -139,3 +139,4 @@ def write_results(
         for table in evaluation_tables(evaluation):
             console.print(to_rich(table))
     console.print(f"results: {folder}")
+    return judged

@@ -24,7 +24,7 @@ def run(noise_rate: float) -> Result:
     recording = simulate(ROOM.model_copy(update={"noise_rate": noise_rate}))
     odometry = Odometry(recording.rig)
     trajectory = odometry.run(recording)
-    return Result(trajectory, odometry.reports, [], odometry.configuration)
+    return Result(trajectory, odometry.reports, [], odometry.configuration, odometry.verdict())
 
 
 def rows(result: Result) -> dict[str, str]:

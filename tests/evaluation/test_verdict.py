@@ -9,6 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gpvo.cluster_report import ClusterReport
+from gpvo.faults import Fault
+from gpvo.tracking import TrackingReport
 from gpvo.verdict import FEW, MOSTLY, verdict
 
 PERIOD = 0.05
@@ -76,3 +78,17 @@ def test_mostly_without_inliers_is_failed() -> None:
     """Twenty-five of 29 clusters of a rig that stood still."""
     found = verdict(reports([12] * 4 + [0] * 25))
     assert found.word == "failed" and "86 % of the time" in found.reasons[0]
+
+
+def test_what_harms_the_events_degrades_and_what_does_not_is_kept() -> None:
+    harmless = Fault("hot pixels", 0.1, "mask them", harms=False)
+    assert verdict(reports([150] * 60), [harmless]).word == "good"
+    found = verdict(reports([150] * 60), [harmless, Fault("clocks apart", 1.5, "synchronise")])
+    assert (found.word, found.reasons) == ("degraded", ("clocks apart from 1.50 s on",))
+    assert [fault["kind"] for fault in found.to_dict()["faults"]] == ["hot pixels", "clocks apart"]
+
+
+def test_rest_is_no_dead_reckoning() -> None:
+    still = TrackingReport(0, 0, 9, 9, at_rest=True)
+    rest = [replace(one, tracking=still) for one in reports([0] * 60)]
+    assert verdict(rest).word == "good"

@@ -148,7 +148,7 @@ def test_few_inliers_among_tracklets(room: SimulatedRecording) -> None:
     assert "long enough, no velocity that explains them; " in message
 
 
-def test_it_is_said_once_after_two_seconds(
+def test_it_is_said_once_after_a_second(
     room: SimulatedRecording, caplog: pytest.LogCaptureFixture
 ) -> None:
     duration = EARLY + 0.5
@@ -157,18 +157,20 @@ def test_it_is_said_once_after_two_seconds(
     )
     odometry = Odometry(blank.rig)
     said = []
-    with caplog.at_level(logging.WARNING, logger="gpvo.odometry"):
+    with caplog.at_level(logging.WARNING, logger="gpvo.faults"):
         for _ in odometry.reports_of(blank.event_batches()):
             said.append(len(caplog.messages))
     early = [report.stop - odometry.reports[0].start < EARLY for report in odometry.reports]
-    assert said == [0 if before else 1 for before in early] and 1 in said
-    assert caplog.messages[0] == lost_stage(odometry.reports[: early.count(True) + 1])
+    # A cluster is reported once the next one is tracked.
+    assert said == [0 if before else 1 for before in [*early[1:], False]] and 1 in said
+    assert caplog.messages[0].endswith(lost_stage(odometry.reports[: early.count(True) + 1]))
+    assert [fault.kind for fault in odometry.faults] == ["lost"]
 
 
 def test_nothing_is_said_of_a_good_recording(
     room: SimulatedRecording, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gpvo.odometry.EARLY", 0.3)
+    monkeypatch.setattr("gpvo.faults.watch.EARLY", 0.3)
     odometry = Odometry(room.rig)
     odometry.run(room)
     assert not caplog.messages

@@ -1,0 +1,37 @@
+"""One fault, as it is told to the user."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that is wrong with the events.
+
+    Attributes
+    ----------
+    kind
+        A word or two; each kind is said once.
+    t
+        Since when, seconds since the recording's start.
+    text
+        What was seen, and what to do.
+    harms
+        Whether the estimate is worse for it.
+    """
+
+    kind: str
+    t: float
+    text: str
+    harms: bool = True
+
+    @property
+    def line(self) -> str:
+        """The line that is printed."""
+        return f"at {self.t:.2f} s: {self.text}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields by name, for JSON."""
+        return asdict(self)

@@ -1,0 +1,71 @@
+"""All detectors together: what they see of the stream, and what they say of it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator
+
+from gpvo.cluster_report import ClusterReport
+from gpvo.events import StereoCluster
+from gpvo.faults.clocks import ClockWatch
+from gpvo.faults.doubled import DoubledEvents
+from gpvo.faults.fault import Fault
+from gpvo.faults.flashes import leaves_out
+from gpvo.faults.rates import EventRates, different_rates
+from gpvo.faults.silence import Silence
+from gpvo.faults.views import Views
+from gpvo.lost_stage import EARLY, is_lost, lost_stage
+from gpvo.recordings import StereoEvents
+
+log = logging.getLogger("gpvo.faults")
+
+
+class FaultWatch:
+    """Finds faults while the events come, and warns of each kind once.
+
+    Attributes
+    ----------
+    faults
+        What was found so far, in order.
+    """
+
+    def __init__(self) -> None:
+        self.faults: list[Fault] = []
+        self._rates, self._silence, self._clocks = EventRates(), Silence(), ClockWatch()
+        self._doubled, self._views = DoubledEvents(), Views()
+        self._reports: list[ClusterReport] = []
+        self._is_early = True
+
+    def see_events(self, batch: StereoEvents) -> None:
+        """Look at the next events of the stream, in batches of any length."""
+        self._rates.add(batch)
+        self._say(self._silence.see(batch))
+        self._say(self._doubled.see(batch))
+        self._say(self._clocks.see(self._rates))
+
+    def see_cluster(self, cluster: StereoCluster, report: ClusterReport) -> None:
+        """Look at the next cluster, and at what became of it."""
+        self._reports.append(report)
+        self._say(leaves_out(report))
+        if not any("silent" in fault.kind for fault in self.faults):
+            self._say(different_rates(self._reports))
+        self._say(self._views.see(cluster))
+        self._say(self._lost())
+
+    def _lost(self) -> Iterator[Fault]:
+        """Say once, after the first second, where landmarks are lost if most are."""
+        first, latest = self._reports[0], self._reports[-1]
+        if self._is_early and latest.stop - first.start >= EARLY:
+            self._is_early = False
+            if is_lost(self._reports) and not any(fault.harms for fault in self.faults):
+                yield Fault("lost", first.start, lost_stage(self._reports))
+
+    def _say(self, found: Iterable[Fault]) -> None:
+        for fault in self._new(found):
+            log.warning("%s", fault.line)
+            self.faults.append(fault)
+
+    def _new(self, found: Iterable[Fault]) -> Iterator[Fault]:
+        for fault in found:
+            if all(fault.kind != known.kind for known in self.faults):
+                yield fault

@@ -1,0 +1,115 @@
+"""Faults of streams of events whose rates are known: found once, and never in a sound stream."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from gpvo.faults import FaultWatch
+from gpvo.faults.doubled import repeated
+from gpvo.faults.rates import EventRates
+from gpvo.recordings import Events, StereoEvents
+
+DURATION = 4.0
+SIZE = (240, 180)
+
+
+def events(seed: int, late: float = 0.0, duration: float = DURATION) -> Events:
+    """Make events of a camera that shakes: the rate follows the motion, `late` seconds later."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, duration, 1e-3)
+    course = np.random.default_rng(1).gamma(1.0, 1.0, len(t) // 20 + 1)
+    rate = 20 + 60 * np.interp(t - late, np.arange(len(course)) * 0.02, course)
+    count = rng.poisson(rate)
+    times = np.repeat(t, count) + rng.uniform(0, 1e-3, count.sum())
+    pixels = (rng.integers(0, side, len(times)).astype(np.uint16) for side in SIZE)
+    return Events(*pixels, np.sort(times).round(6), rng.random(len(times)) < 0.5)
+
+
+def batches(left: Events, right: Events, length: float = 0.1) -> Iterator[StereoEvents]:
+    edges = np.arange(0.0, max(left.t[-1], right.t[-1]) + length, length).tolist()
+    for start, stop in pairwise(edges):
+        yield StereoEvents(start, stop, left.between(start, stop), right.between(start, stop))
+
+
+def found(left: Events, right: Events, length: float = 0.1) -> dict[str, float]:
+    """Return the kinds of faults and their times."""
+    watch = FaultWatch()
+    for batch in batches(left, right, length):
+        watch.see_events(batch)
+    return {fault.kind: fault.t for fault in watch.faults}
+
+
+def without(stream: Events, start: float, stop: float) -> Events:
+    return stream[(stream.t < start) | (stream.t >= stop)]
+
+
+@pytest.mark.parametrize("length", [0.1, 0.013])
+def test_nothing_is_said_of_a_sound_stream(length: float) -> None:
+    assert found(events(1), events(2), length) == {}
+
+
+@pytest.mark.parametrize("length", [0.1, 0.013])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_camera_that_dies_is_named_with_its_time(side: str, length: float) -> None:
+    streams = {"left": events(1), "right": events(2)}
+    streams[side] = without(streams[side], 1.5, np.inf)
+    assert found(**streams, length=length) == {f"{side} camera silent": pytest.approx(1.5, abs=0.1)}
+
+
+@pytest.mark.parametrize("length", [0.1, 0.013])
+def test_a_time_without_events_is_said_once(length: float) -> None:
+    left, right = (without(without(events(k), 1.0, 1.5), 2.0, 3.0) for k in (1, 2))
+    assert found(left, right, length) == {"no events": pytest.approx(1.0, abs=0.1)}
+
+
+def test_a_short_silence_is_none() -> None:
+    left, right = (without(events(k), 1.0, 1.15) for k in (1, 2))
+    assert found(left, right) == {}
+
+
+@pytest.mark.parametrize("late", [-0.02, 0.012, 0.05, 0.3])
+def test_clocks_that_are_apart_are_found_and_measured(
+    late: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING, logger="gpvo.faults"):
+        assert list(found(events(1), events(2, late))) == ["clocks apart"]
+    (line,) = caplog.messages
+    assert f"{late:+.3f} s late" in line and "--right-offset auto" in line
+
+
+def test_clocks_that_drift_are_said_too() -> None:
+    left, right = events(1, duration=14.0), events(2, 0.02, 14.0)
+    slow = replace(right, t=right.t * 1.001)
+    watch = FaultWatch()
+    for batch in batches(left, slow):
+        watch.see_events(batch)
+    assert [fault.kind for fault in watch.faults] == ["clocks apart", "clocks drift"]
+
+
+def test_doubled_events_are_named() -> None:
+    left, right = events(1), events(2)
+    twice = right[np.repeat(np.arange(len(right)), 2)]
+    watch = FaultWatch()
+    for batch in batches(left, twice):
+        watch.see_events(batch)
+    (fault,) = watch.faults
+    assert fault.kind == "doubled events" and "100% of the right" in fault.text and not fault.harms
+    assert repeated(left[:400]) == 0
+
+
+@pytest.mark.parametrize("length", [0.1, 0.0333, 0.0004])
+def test_rates_are_the_same_for_batches_of_any_length(length: float) -> None:
+    left, right = (events(k).between(0.0, 0.8) for k in (1, 2))
+    rates = EventRates()
+    for batch in batches(left, right, length):
+        rates.add(batch)
+    counted = [np.bincount((side.t * 1000).astype(int), minlength=800) for side in (left, right)]
+    # An event at a border may count for either side of it.
+    np.testing.assert_allclose(np.cumsum(rates.counts, 1)[:, :800], np.cumsum(counted, 1), atol=1)
+    assert rates.counts.sum() == len(left) + len(right)
