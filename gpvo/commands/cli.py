@@ -3,29 +3,143 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from importlib import import_module
+from typing import Annotated, Any, NamedTuple
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from gpvo.commands.convert import convert_recording
-from gpvo.commands.evaluate import evaluate
-from gpvo.commands.info import info
-from gpvo.commands.inspect import inspect_front_end
-from gpvo.commands.live import live
-from gpvo.commands.run import demo, run
-from gpvo.commands.tune_noise import tune_noise
-from gpvo.config import PRESETS, Configuration, configuration_text
 from gpvo.errors import InputError
 
 BAD_INPUT = 2
 """Exit status for bad input."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C."""
+HELP = {"help_option_names": ["-h", "--help"]}
+
+
+class Command(NamedTuple):
+    """Where a command's function is, which is imported when it is called.
+
+    `line` is the first one of the function's docstring, known without importing it.
+    """
+
+    module: str
+    function: str
+    line: str
+
+
+COMMANDS = {
+    "run": Command(
+        "run",
+        "run",
+        "Estimate the motion of a recording; write trajectory, metrics and plots.",
+    ),
+    "live": Command(
+        "live",
+        "live",
+        "Estimate the motion while events come; Ctrl-C ends it and writes the results.",
+    ),
+    "demo": Command(
+        "run",
+        "demo",
+        "Simulate a few seconds of stereo events and estimate the motion.",
+    ),
+    "eval": Command(
+        "evaluate",
+        "evaluate",
+        "Compare estimates with the ground truth: tables, plots, report.",
+    ),
+    "tune-noise": Command(
+        "tune_noise",
+        "tune_noise",
+        "Learn Q_c and R by maximum likelihood; print them as YAML for `--config`.",
+    ),
+    "config": Command(
+        "config",
+        "print_configuration",
+        "Print a preset's configuration with a description of every field.",
+    ),
+    "inspect": Command(
+        "inspect",
+        "inspect_front_end",
+        "Compare features, tracklets, times and MC-RANSAC with the truth: table, JSON, plots.",
+    ),
+    "info": Command(
+        "info",
+        "info",
+        "Print what a recording holds: sensor, events, calibration, ground truth, faults.",
+    ),
+    "convert": Command(
+        "convert",
+        "convert_recording",
+        "Write a recording in another format: the same events, and the calibration beside them.",
+    ),
+}
+
+
+class LazyCommands(TyperGroup):
+    """The commands, each imported when it is called: a list of them is there at once."""
+
+    _listing = False
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the commands' names in the order of the help."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Import a command; for a list of them its first line is enough."""
+        if cmd_name not in COMMANDS:
+            return None
+        command = COMMANDS[cmd_name]
+        if self._listing:
+            return TyperCommand(cmd_name, help=command.line)
+        module = import_module(f"gpvo.commands.{command.module}")
+        one = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+        one.command(cmd_name, context_settings=HELP)(getattr(module, command.function))
+        return typer.main.get_command(one)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help without importing the commands."""
+        self._listing = True
+        super().format_help(ctx, formatter)
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+        """Complete a command's name without importing the commands."""
+        self._listing = True
+        try:
+            return super().shell_complete(ctx, incomplete)
+        finally:
+            self._listing = False
+
 
 app = typer.Typer(
-    add_completion=False,
+    cls=LazyCommands,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    context_settings=HELP,
     help="Continuous-time visual odometry for stereo event cameras.",
 )
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"gpvo {version('gpvo')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", callback=_print_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """Continuous-time visual odometry for stereo event cameras."""
 
 
 def main() -> None:
@@ -35,29 +149,6 @@ def main() -> None:
     except InputError as error:
         print(f"gpvo: {error}", file=sys.stderr)
         sys.exit(BAD_INPUT)
-
-
-def _known(preset: str) -> str:
-    """Return the preset's name; one that is none ends the command."""
-    if preset not in PRESETS:
-        raise typer.BadParameter(f"{preset} is none of {', '.join(PRESETS)}")
-    return preset
-
-
-def print_configuration(
-    preset: Annotated[str, typer.Option(help=f"{' or '.join(PRESETS)}.", callback=_known)] = "auto",
-) -> None:
-    """Print a preset's configuration with a description of every field."""
-    configuration = Configuration.model_validate({"preset": preset})
-    print(configuration_text(configuration, described=True), end="")
-
-
-app.command()(run)
-app.command()(live)
-app.command()(demo)
-app.command(name="eval")(evaluate)
-app.command(name="tune-noise")(tune_noise)
-app.command(name="config")(print_configuration)
-app.command(name="inspect")(inspect_front_end)
-app.command()(info)
-app.command(name="convert")(convert_recording)
+    except KeyboardInterrupt:
+        print("gpvo: interrupted; nothing was saved", file=sys.stderr)
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,5 @@
+"""`python -m gpvo` is `gpvo`."""
+
+from gpvo.commands.cli import main
+
+main()

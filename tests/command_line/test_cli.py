@@ -1,0 +1,68 @@
+"""Manners of the command line: it starts at once, and its help is that of the commands."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import import_module
+from importlib.metadata import version
+
+import pytest
+from typer.testing import CliRunner
+
+import gpvo
+from gpvo.commands.cli import COMMANDS, app
+
+HEAVY = ("numba", "gtsam", "scipy", "cv2", "h5py", "matplotlib", "numpy")
+
+
+def loaded_by(*arguments: str) -> tuple[str, set[str]]:
+    """Return what the command prints, and the heavy packages that it loads."""
+    code = (
+        "import atexit, sys; from gpvo.commands.cli import main; sys.argv[0] = 'gpvo';"
+        f"atexit.register(lambda: print('LOADED', *set(sys.modules) & set({HEAVY!r}))); main()"
+    )
+    ended = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    printed, _, loaded = ended.stdout.rpartition("LOADED")
+    return printed, set(loaded.split())
+
+
+def test_version_and_help_load_nothing_heavy() -> None:
+    printed, loaded = loaded_by("--version")
+    assert printed == f"gpvo {version('gpvo')}\n" and not loaded
+    printed, loaded = loaded_by("-h")
+    assert all(name in printed for name in COMMANDS) and not loaded
+
+
+@pytest.mark.parametrize("name", list(COMMANDS))
+def test_the_list_says_what_the_commands_say(name: str) -> None:
+    command = COMMANDS[name]
+    function = getattr(import_module(f"gpvo.commands.{command.module}"), command.function)
+    assert function.__doc__.partition("\n")[0] == command.line
+    shown = CliRunner().invoke(app, [name, "-h"])
+    assert shown.exit_code == 0 and name in shown.output
+
+
+def test_python_m_gpvo_is_gpvo() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-m", "gpvo", "--version"], capture_output=True, text=True
+    )
+    assert ended.stdout == f"gpvo {version('gpvo')}\n"
+
+
+def test_an_unknown_command_is_named() -> None:
+    refused = CliRunner().invoke(app, ["nope"])
+    assert refused.exit_code == 2 and "No such command 'nope'" in refused.output
+
+
+def test_the_shell_completes_commands() -> None:
+    environment = {"_GPVO_COMPLETE": "complete_bash", "COMP_WORDS": "gpvo co", "COMP_CWORD": "1"}
+    completed = CliRunner().invoke(app, [], prog_name="gpvo", env=environment)
+    assert completed.output.split() == ["config", "convert"]
+
+
+def test_every_public_name_is_there() -> None:
+    assert {name: getattr(gpvo, name) for name in gpvo.__all__}.keys() <= set(dir(gpvo))
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = gpvo.nothing  # type: ignore[attr-defined]
