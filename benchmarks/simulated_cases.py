@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.fault_cases import Harm, burst, hot_pixel, standstill, unharmed
+from benchmarks.sensor_faults import flicker, half_dead, hot_pixels
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.load import load_poses
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
@@ -33,17 +35,22 @@ AHEAD = np.array(
 
 @dataclass(frozen=True)
 class Case:
-    """A kind of recording; the run's seed replaces that of the config."""
+    """A kind of recording; the run's seed replaces that of the config.
+
+    `harm` is done to it, half-way if it has a time.
+    """
 
     name: str
     config: SimulationConfig
     flight: StampedPoses | None = None
+    harm: Harm = unharmed
 
     def recording(self, seed: int) -> SimulatedRecording:
         """Simulate the recording of one seed; a real flight stays, room and sensor noise change."""
         config = self.config.model_copy(update={"seed": seed})
         motion = None if self.flight is None else Motion.through(self.flight)
-        return simulate(config, motion=motion)
+        whole = simulate(config, motion=motion)
+        return self.harm(whole, 0.5 * config.duration, np.random.default_rng(seed))
 
     def shorter(self, duration: float) -> Case:
         """Return the case with at most `duration` seconds."""
@@ -53,8 +60,8 @@ class Case:
         return replace(self, config=self.config.model_copy(update={"duration": shorter}))
 
 
-def _case(name: str, **changes: object) -> Case:
-    return Case(name, SimulationConfig.model_validate(changes))
+def _case(name: str, harm: Harm = unharmed, **changes: object) -> Case:
+    return Case(name, SimulationConfig.model_validate(changes), harm=harm)
 
 
 CASES = (
@@ -69,6 +76,25 @@ CASES = (
         "low_light", threshold=0.4, threshold_sigma=0.08, noise_rate=2.0, refractory_period=0.005
     ),
     _case("corridor", motion="corridor", duration=6.0),
+    # The same field of view on sensors of other sizes.
+    _case("240x180", resolution=(240, 180), focal_length=157.0),
+    _case("640x480", resolution=(640, 480), focal_length=418.0, duration=2.0),
+    _case("1280x720", resolution=(1280, 720), focal_length=836.0, duration=1.0),
+    _case(
+        "driving",
+        motion="driving",
+        duration=2.0,
+        resolution=(640, 480),
+        focal_length=418.0,
+        baseline=0.5,
+        boxes=25,
+    ),
+    _case("hot_pixel", hot_pixel),
+    _case("hot_pixels", hot_pixels(40, 20e3)),
+    _case("flicker", flicker(100.0, 8)),
+    _case("burst", burst),
+    _case("half_dead", half_dead),
+    _case("5_s_still", standstill(5.0, 0.0)),
 )
 
 

@@ -352,7 +352,7 @@ class EstimatorConfig(StageConfig):
         "together. 0 updates at every cluster, as in the paper.",
     )
     window: int = Field(
-        4,
+        5,
         ge=2,
         description="Lag in updates, which are at clusters' ends: how many of the latest are in "
         "the window.",

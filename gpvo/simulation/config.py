@@ -10,7 +10,7 @@ from pydantic import Field
 
 from gpvo.config import StageConfig
 from gpvo.recordings import Camera, StereoRig
-from gpvo.simulation.motion import CORRIDOR_SPEED, MotionName
+from gpvo.simulation.motion import SPEEDS, MotionName
 
 Size = Annotated[int, Field(ge=1, le=65535)]
 """A width or height, pixels; columns and rows are uint16."""
@@ -61,5 +61,7 @@ class SimulationConfig(StageConfig):
         way = np.zeros(3)
         if self.motion == "corridor":
             half, clear = np.array([3.0, 1.2, 1.2]), np.array([1.5, 0.6, 0.6])
-            way[0] = CORRIDOR_SPEED * self.duration
+        if self.motion == "driving":
+            half, clear = np.array([25.0, 8.0, 3.0]), np.array([4.0, 2.5, 1.5])
+        way[0] = SPEEDS.get(self.motion, 0.0) * self.duration
         return np.stack([-half, half + way]), np.stack([-clear, clear + way])

@@ -14,10 +14,12 @@ from gpvo.trajectory import StampedPoses
 from gpvo.trajectory.stamped_poses import rigid_transforms
 
 Array = NDArray[np.float64]
-MotionName = Literal["hand_held", "fast", "rotation", "back_and_forth", "corridor", "still"]
+MotionName = Literal[
+    "hand_held", "fast", "rotation", "back_and_forth", "corridor", "driving", "still"
+]
 
-CORRIDOR_SPEED = 0.7
-"""Speed of the motion "corridor" along x of the world, m/s."""
+SPEEDS: dict[MotionName, float] = {"corridor": 0.7, "driving": 8.0}
+"""Speed along x of the world, m/s; 0 for the others."""
 
 _R_WORLD_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """A level camera that looks along x of the world, whose z points up."""
@@ -37,6 +39,7 @@ _STYLES: dict[MotionName, _Style] = {
     "rotation": _Style((0.0, 0.0, 0.0), (0.3, 0.6, 0.3), 0.8),
     "back_and_forth": _Style((0.05, 0.6, 0.05), (0.03, 0.03, 0.03), 1.2),
     "corridor": _Style((0.0, 0.15, 0.1), (0.05, 0.1, 0.05), 1.0),
+    "driving": _Style((0.0, 0.3, 0.05), (0.01, 0.05, 0.01), 1.5),
     "still": _Style((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0),
 }
 
@@ -68,8 +71,7 @@ class Motion:
         if name == "back_and_forth":
             spread[:, 1] = np.where(np.arange(len(times)) % 2, 1.0, -1.0)
         positions = spread[:, :3] * style.reach
-        if name == "corridor":
-            positions[:, 0] += CORRIDOR_SPEED * times
+        positions[:, 0] += SPEEDS.get(name, 0.0) * times
         turns = Rotation.from_rotvec(spread[:, 3:] * style.turn)
         rotations = Rotation.from_matrix(_R_WORLD_AHEAD) * turns
         return Motion(CubicSpline(times, positions), RotationSpline(times, rotations))
