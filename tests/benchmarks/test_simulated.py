@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks import simulated
+from benchmarks.fault_cases import unharmed
 from benchmarks.simulated_cases import CASES, FLIGHTS, Case, all_cases
 from benchmarks.simulated_summary import (
     METRICS,
@@ -131,7 +132,29 @@ def test_a_change_is_a_verdict_where_it_is_large_and_every_seed_agrees() -> None
 def test_the_suite_has_what_makes_odometry_hard() -> None:
     assert len(CASES) >= 8 and len({case.name for case in CASES}) == len(CASES)
     motions = {case.config.motion for case in CASES}
-    assert motions == {"hand_held", "fast", "rotation", "back_and_forth", "corridor"}
+    assert motions == {"hand_held", "fast", "rotation", "back_and_forth", "corridor", "driving"}
+    assert {case.config.resolution[1] for case in CASES} == {180, 260, 480, 720}
+
+
+@pytest.mark.parametrize("name", ["hot_pixels", "flicker", "half_dead", "5_s_still"])
+def test_sensors_that_are_not_as_they_should_be(name: str) -> None:
+    """The harm is done, and the stream stays one: in order of time, within the sensor."""
+    case = next(case for case in CASES if case.name == name)
+    whole, harmed = (
+        replace(case, config=SMALL.model_copy(update={"duration": 0.3}), harm=harm).recording(3)
+        for harm in (unharmed, case.harm)
+    )
+    width, height = harmed.rig.resolution
+    for events in (harmed.left, harmed.right):
+        assert (np.diff(events.t) >= 0).all()
+        assert events.x.max() < width and events.y.max() < height
+    if name == "half_dead":
+        assert 0.4 < len(harmed.right) / len(whole.right) < 0.6
+    elif name == "5_s_still":
+        assert harmed.duration == pytest.approx(whole.duration + 5.0)
+        assert len(harmed.left) == len(whole.left)
+    else:
+        assert len(harmed.left) > 1.5 * len(whole.left)
 
 
 def test_real_flights_are_flown(shared_reference: Path) -> None:
