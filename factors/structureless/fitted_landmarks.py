@@ -16,7 +16,7 @@ from factors.structureless.landmark_prior import LandmarkPrior
 from factors.structureless.robust_losses import Loss
 
 _MAX_STEPS = 50
-_TOLERANCE = 1e-8  # of coordinates, in units of the focal length and of one over a metre
+_TOLERANCE = 1e-11  # of coordinates, in units of the focal length and of one over a metre
 
 
 def checked_measurements(measured: ArrayLike) -> Array:

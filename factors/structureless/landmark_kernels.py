@@ -24,7 +24,8 @@ from factors.structureless.robust_losses import loss_kernel
 
 Index = NDArray[np.int64]
 
-_CONVERGED = 1e-12  # squared distance to the optimum in standard deviations, of one and the cost
+# Squared distance to the optimum in standard deviations, of one and the cost, of the last step.
+_CONVERGED = 1e-12
 
 
 @kernel
@@ -70,76 +71,52 @@ def landmarks_kernel(
     Also the norms (n,) of the whitened errors there. The losses are times the weights (n,). The
     priors' errors are root (P, 3, 3) times the difference from seen (P, 3), plus offset (P, 3). A
     step is halved until the cost falls; it is one of iteratively reweighted least squares where
-    the cost is not convex.
+    the cost is not convex. The last one, too small for the cost to tell, is taken as it is.
     """
     found, trial, distances = coordinates.copy(), coordinates.copy(), np.empty(len(T))
-    system, step, factors = np.empty((7, 4)), np.empty(3), np.empty((2, 3, 3))
+    system, step, factors = np.empty((7, 4)), np.zeros(3), np.empty((2, 3, 3))
     h, by_h, rows = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
     T_prior, unit = T_first.reshape(1, 4, 4), np.array([1.0, 1.0, 0.0, 0.0, 1.0])
     for k in range(len(found)):
-        _system_kernel(
-            T,
-            charts,
-            found,
-            k,
-            start[k],
-            start[k + 1],
-            prior[k],
-            measured,
-            camera,
-            whitening,
-            weights,
-            loss,
-            T_prior,
-            seen,
-            root,
-            offset,
-            unit,
-            h,
-            by_h,
-            rows,
-            system,
-            distances,
-        )
-        for _ in range(steps):
-            length = _step_kernel(system, factors[0], factors[1], step)
-            before, scale = system[6, 0], 1.0
-            if length <= _CONVERGED * (1 + before):
-                break
-            while True:
+        left, before, scale, settled = steps, np.inf, 1.0, False
+        while True:
+            _system_kernel(
+                T,
+                charts,
+                trial,
+                k,
+                start[k],
+                start[k + 1],
+                prior[k],
+                measured,
+                camera,
+                whitening,
+                weights,
+                loss,
+                T_prior,
+                seen,
+                root,
+                offset,
+                unit,
+                h,
+                by_h,
+                rows,
+                system,
+                distances,
+            )
+            last = settled or scale == 0.0
+            if last or system[6, 0] <= before:
                 for i in range(3):
-                    trial[k, i] = found[k, i] + scale * step[i]
-                _system_kernel(
-                    T,
-                    charts,
-                    trial,
-                    k,
-                    start[k],
-                    start[k + 1],
-                    prior[k],
-                    measured,
-                    camera,
-                    whitening,
-                    weights,
-                    loss,
-                    T_prior,
-                    seen,
-                    root,
-                    offset,
-                    unit,
-                    h,
-                    by_h,
-                    rows,
-                    system,
-                    distances,
-                )
-                if system[6, 0] <= before or scale == 0.0:
+                    found[k, i] = trial[k, i]
+                if last or left == 0:
                     break
+                left, before, scale = left - 1, system[6, 0], 1.0
+                length = _step_kernel(system, factors[0], factors[1], step)
+                settled = length <= _CONVERGED * (1 + before)
+            else:
                 scale = 0.5 * scale if scale > 1e-3 else 0.0
             for i in range(3):
-                found[k, i] = trial[k, i]
-            if scale == 0.0:
-                break
+                trial[k, i] = found[k, i] + scale * step[i]
     return found, distances
 
 
