@@ -33,7 +33,7 @@ from factors import (
     WnoaPriorFactor,
     extrapolate,
 )
-from factors.jacobian_blocks import JacobianBlocks
+from factors.jacobian_blocks import Blocks
 from factors.lie import se3_inverse
 
 
@@ -89,7 +89,7 @@ def single_factors(table: Table) -> None:
 
 def empty_factors(keys: list[int]) -> Factors:
     """What a prior in Python costs without its arithmetic, by how it returns its derivatives."""
-    zeros, blocks = np.zeros((12, 6)), JacobianBlocks(12, (6, 6, 6, 6))
+    zeros, blocks = np.zeros((12, 6)), Blocks(12, (6, 6, 6, 6))
 
     def one_by_one(_this: object, _values: object, jacobians: gtsam.JacobianVector) -> Array:
         for block in range(4):

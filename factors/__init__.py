@@ -20,8 +20,6 @@ from factors.motion_priors import (
     WnojPriorFactorPose2,
     WnojPriorFactorRot3,
     WnojPriorFactorVector,
-    prior_covariance,
-    prior_square_root_information,
 )
 from factors.points import PointToPlaneFactor, PointToPointFactor
 from factors.saving import from_dict, to_dict
@@ -35,6 +33,8 @@ from factors.structureless import (
     marginalize,
 )
 from factors.wnoa import (
+    prior_covariance,
+    prior_square_root_information,
     wnoa_covariance,
     wnoa_information,
     wnoa_square_root_covariance,

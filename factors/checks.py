@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.kernels import Array, kernel
+from factors.kernels.se3 import Array, kernel
 
 Pose = ArrayLike | gtsam.Pose3
 """A transform (4, 4), or GTSAM's."""

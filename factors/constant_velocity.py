@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from factors.checks import checked_duration, checked_noise, checked_vector
 from factors.factor import Factor
-from factors.kernels import (
+from factors.kernels.se3 import (
     RIGHT,
     Array,
     exp_kernel,

@@ -15,7 +15,7 @@ from typing import Any, SupportsFloat, SupportsIndex, SupportsInt
 import gtsam
 import numpy as np
 
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 from factors.variables import Variable, checked_keys, fault_of
 
 Evaluate = Callable[[gtsam.Values, Any], Array]

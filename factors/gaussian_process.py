@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from factors.checks import checked_array, power_spectral_density
 from factors.incremental import JointMarginals, joint_marginals
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
-from factors.kernels import Array, extrapolated_jacobian_kernel, kernel, state_between_kernel
+from factors.kernels.between import extrapolated_jacobian_kernel, state_between_kernel
+from factors.kernels.se3 import Array, kernel
 from factors.variables import State, as_state
 
 Index = NDArray[np.int64]

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import gtsam
 
 from factors.factor import check_values
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 
 
 class JointMarginal(Protocol):

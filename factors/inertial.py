@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import Pose, checked_noise, checked_pose, checked_vector
 from factors.factor import Factor
-from factors.inner_factor import parts_of
-from factors.jacobian_blocks import Jacobians, fill
-from factors.kernels import Array
+from factors.inner_factor import inner_of
+from factors.jacobian_blocks import JacobianBlocks, Jacobians
+from factors.kernels.outputs import Addresses, error_at, jacobian_at
+from factors.kernels.se3 import Array, kernel, log_kernel
 from factors.variables import BIAS, POSE3, TWIST, State, Variable, as_state
+
+_BLOCKS = JacobianBlocks(9, (6, 6, 6, 6, 6))
 
 
 class GyroFactor(Factor):
@@ -60,10 +61,12 @@ class GyroFactor(Factor):
         R_imu_body = np.eye(3) if T is None else T[:3, :3].T
         by_velocity = np.hstack([R_imu_body, np.zeros((3, 3))])
         by_bias = np.hstack([np.zeros((3, 3)), np.eye(3)])  # accelerometer, then gyroscope
+        constant = gtsam.JacobianVector([by_velocity, by_bias])
 
         def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
             if jacobians is not None:
-                fill(jacobians, [by_velocity, by_bias])
+                jacobians.clear()
+                jacobians.extend(constant)
             turned: Array = by_velocity @ values.atVector6(velocity)
             return turned + values.atConstantBias(bias).gyroscope() - rate
 
@@ -116,27 +119,30 @@ class ImuFactor(Factor):
                 f"preintegrated must last from state_i to state_j, {duration} s, not "
                 f"{preintegrated.deltaTij()} s"
             )
-        native = gtsam.ImuFactor(0, 1, 2, 3, 4, preintegrated)
-        model, _, evaluate = parts_of(native)
+        inner = inner_of(gtsam.ImuFactor(0, 1, 2, 3, 4, preintegrated))
         (pose_i, velocity_i, _), (pose_j, velocity_j, _) = states
+        identity = gtsam.Values()
+        for key in (0, 2):
+            identity.insert(key, gtsam.Pose3())
+            identity.insertPoint3(key + 1, np.zeros(3))
+        identity.insert(4, gtsam.imuBias.ConstantBias())
 
         def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
-            at, turns = gtsam.Values(), []
-            for key, pose, velocity in ((0, pose_i, velocity_i), (2, pose_j, velocity_j)):
-                T, v = values.atPose3(pose), values.atVector6(velocity)[3:]
-                R = T.rotation().matrix()
-                at.insert(key, pose3=T)  # by name: see CopiedValue
-                at.insertPoint3(key + 1, R @ v)
-                turns.append((R, v))
-            at.insert(4, constant_bias=values.atConstantBias(bias))
+            T_i, v_i = values.atPose3(pose_i).matrix(), values.atVector6(velocity_i)
+            T_j, v_j = values.atPose3(pose_j).matrix(), values.atVector6(velocity_j)
+            step, steps = gtsam.VectorValues(), np.empty((4, 6))
+            _in_world_kernel(T_i, v_i, T_j, v_j, steps)
+            for key in (0, 2):
+                step.insert(key, steps[key])
+                step.insert(key + 1, steps[key + 1, :3])
+            step.insert(4, values.atConstantBias(bias).vector())
+            at = identity.retract(step)  # much faster than inserting each
             if jacobians is None:
-                return evaluate(at, None)
-            inner: list[Any] = [None] * 5
-            found, blocks = evaluate(at, inner), list[Array]()
-            for n, (R, v) in enumerate(turns):
-                blocks += _by_state(inner[2 * n], inner[2 * n + 1] @ R, v)
-            fill(jacobians, [*blocks, inner[4]])
-            return found
+                return inner.error(at)
+            own = _BLOCKS.own
+            _by_twists_kernel(inner.system(at), T_i, v_i, T_j, v_j, own.outputs)
+            own.copy_to(jacobians)
+            return own.error
 
         variables = [
             Variable("pose_i", pose_i, POSE3),
@@ -146,17 +152,45 @@ class ImuFactor(Factor):
             Variable("bias", int(bias), BIAS),
         ]
         made_of = {"preintegrated": preintegrated, "state_i": states[0], "state_j": states[1]}
-        super().__init__(model, variables, error, {**made_of, "bias": int(bias)})
+        super().__init__(inner.model, variables, error, {**made_of, "bias": int(bias)})
 
 
-def _by_state(by_pose: Array, by_velocity: Array, v: Array) -> tuple[Array, Array]:
-    """Return the Jacobians (9, 6) by pose and twist, from that by the pose at fixed velocity R v.
+@kernel
+def _in_world_kernel(T_i: Array, v_i: Array, T_j: Array, v_j: Array, steps: Array) -> None:
+    """Write the logarithms (6,) of both poses, each before the velocity in the world, (3,)."""
+    for T, v, row in ((T_i, v_i, 0), (T_j, v_j, 2)):
+        xi = log_kernel(T)
+        for k in range(6):
+            steps[row, k] = xi[k]
+        for k in range(3):
+            steps[row + 1, k] = T[k, 0] * v[3] + T[k, 1] * v[4] + T[k, 2] * v[5]
 
-    `by_velocity` (9, 3) is that by the velocity v in the body; R v turns with the pose.
+
+@kernel
+def _by_twists_kernel(
+    system: Array, T_i: Array, v_i: Array, T_j: Array, v_j: Array, outputs: Addresses
+) -> None:
+    """Write the error (9,) of the system [J, -e] (9, 25) of gtsam.ImuFactor, and its Jacobians.
+
+    The velocity R v turns with the pose, by -R [v]x, and moves with the twist, by R.
     """
-    x, y, z = v
-    turned = by_pose.copy()
-    turned[:, :3] -= by_velocity @ np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    by_twist = np.zeros((len(by_pose), 6))
-    by_twist[:, 3:] = by_velocity
-    return turned, by_twist
+    error, by_bias = error_at(outputs, 9), jacobian_at(outputs, 4, 9, 6)
+    for r in range(9):
+        error[r] = -system[r, 24]
+        for k in range(6):
+            by_bias[r, k] = system[r, 18 + k]
+    for T, v, end in ((T_i, v_i, 0), (T_j, v_j, 1)):
+        first = 9 * end
+        by_pose = jacobian_at(outputs, 2 * end, 9, 6)
+        by_twist = jacobian_at(outputs, 2 * end + 1, 9, 6)
+        for r in range(9):
+            for k in range(6):
+                by_pose[r, k] = system[r, first + k]
+            for k in range(3):
+                by_twist[r, k], by_twist[r, 3 + k] = 0.0, 0.0
+                for m in range(3):
+                    by_twist[r, 3 + k] += system[r, first + 6 + m] * T[m, k]
+            x, y, z = by_twist[r, 3], by_twist[r, 4], by_twist[r, 5]
+            by_pose[r, 0] += v[4] * z - v[5] * y
+            by_pose[r, 1] += v[5] * x - v[3] * z
+            by_pose[r, 2] += v[3] * y - v[4] * x

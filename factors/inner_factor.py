@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
 
 from factors.factor import Evaluate, Factor, original
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 from factors.variables import Kind
 
 
@@ -23,21 +24,118 @@ class ErrorFunction(NamedTuple):
     keys
         What it reads.
     error
-        Called as error(None, values, jacobians). It returns the error (m,) and, unless jacobians is
-        None, sets jacobians[k] to the Jacobian (m, n) with respect to the k-th key: of a pose
-        perturbed on the right.
+        Called as error(None, values, jacobians), as GTSAM does. It returns the error (m,) and,
+        unless jacobians is None, sets jacobians[k] to the Jacobian (m, n) with respect to the k-th
+        key: of a pose perturbed on the right.
     """
 
     model: gtsam.noiseModel.Base
     keys: Sequence[int]
-    error: Callable[[Any, gtsam.Values, list[Array] | None], Array]
+    error: Callable[[Any, gtsam.Values, Any], Array]
 
 
 InnerFactor = gtsam.NoiseModelFactor | ErrorFunction
 
 
-def parts_of(inner: InnerFactor) -> tuple[gtsam.noiseModel.Base, list[int], Evaluate]:
-    """Return the noise model, the keys and the error function of a factor of any kind.
+class Inner:
+    """A factor without its noise.
+
+    Attributes
+    ----------
+    model, keys
+        Its noise model and what it reads.
+    columns
+        Which columns of its Jacobian are of each key, once the system was asked for; another list
+        when sizes have changed.
+    error
+        Returns the error (m,) at values.
+    system
+        Returns its Jacobian, and the negative error as the last column, (m, n + 1) in Fortran's
+        order, as GTSAM's augmented Jacobians are.
+    """
+
+    error: Callable[[gtsam.Values], Array]
+    system: Callable[[gtsam.Values], Array]
+
+    def __init__(self, model: gtsam.noiseModel.Base, keys: Sequence[int]) -> None:
+        self.model, self.keys = model, [int(key) for key in keys]
+        self.columns: list[slice] = []
+        self._sizes: list[int] = []
+
+    def _place(self, sizes: list[int]) -> None:
+        if sizes != self._sizes:
+            ends = list(accumulate(sizes, initial=0))
+            self.columns, self._sizes = list(map(slice, ends[:-1], ends[1:])), sizes
+
+
+class _Native(Inner):
+    """One of GTSAM's own, linearised with unit noise: what is whitened is then the error itself."""
+
+    def __init__(self, inner: gtsam.NoiseModelFactor) -> None:
+        super().__init__(inner.noiseModel(), inner.keys())
+        self._unit = inner.cloneWithNewNoiseModel(gtsam.noiseModel.Unit.Create(inner.dim()))
+        self._name = f"{type(inner).__name__} on {names_of(self.keys)}"
+
+    def error(self, values: gtsam.Values) -> Array:
+        try:
+            return np.asarray(self._unit.unwhitenedError(values))
+        except RuntimeError as failure:
+            raise ValueError(f"{self._name}: {failure}") from failure
+
+    def system(self, values: gtsam.Values) -> Array:
+        try:
+            found: Array = self._unit.linearize(values).augmentedJacobian()
+        except RuntimeError as failure:
+            raise ValueError(f"{self._name}: {failure}") from failure
+        if not self.columns or found.shape[1] != self.columns[-1].stop + 1:
+            zeros = values.zeroVectors()
+            self._place([len(zeros.at(key)) for key in self.keys])
+        return found
+
+
+class _Callback(Inner):
+    """An error function in Python, of a factor of ours or of the user's."""
+
+    def __init__(
+        self, model: gtsam.noiseModel.Base, keys: Sequence[int], evaluate: Evaluate
+    ) -> None:
+        super().__init__(model, keys)
+        self._evaluate = evaluate
+        self._unset = gtsam.JacobianVector([np.empty((0, 0))] * len(self.keys))
+        self._shape = (model.dim(),)
+
+    def error(self, values: gtsam.Values) -> Array:
+        return self._checked(self._evaluate(values, None))
+
+    def system(self, values: gtsam.Values) -> Array:
+        jacobians = gtsam.JacobianVector(self._unset)
+        error = self._checked(self._evaluate(values, jacobians))
+        blocks = [jacobians[k] for k in range(len(self.keys))]
+        self._place([block.shape[1] for block in blocks])
+        found = np.empty((len(error), self.columns[-1].stop + 1), order="F")
+        for columns, block in zip(self.columns, blocks, strict=True):
+            if len(block) != len(error):
+                raise ValueError(
+                    "an error function must set all jacobians[k], a row for each error"
+                )
+            found[:, columns] = block
+        np.negative(error, out=found[:, -1])
+        return found
+
+    def _checked(self, error: Array) -> Array:
+        error = np.asarray(error, np.float64)
+        if error.shape != self._shape:
+            raise ValueError(f"an error function must return {self._shape}, not {error.shape}")
+        return error
+
+
+def names_of(keys: Sequence[int]) -> str:
+    """Return the keys as GTSAM prints them."""
+    return " ".join(map(gtsam.DefaultKeyFormatter, keys))
+
+
+def inner_of(inner: InnerFactor) -> Inner:
+    """Return a factor of any kind without its noise.
 
     Raises
     ------
@@ -46,49 +144,16 @@ def parts_of(inner: InnerFactor) -> tuple[gtsam.noiseModel.Base, list[int], Eval
         factor with a noise model.
     """
     if isinstance(inner, ErrorFunction):
-        return inner.model, [int(key) for key in inner.keys], _of_function(inner.error)
+        function = inner.error
+        return _Callback(inner.model, inner.keys, lambda *of: function(None, *of))
     ours = original(inner) if isinstance(inner, gtsam.Factor) else None
     if isinstance(ours, Factor):
-        return ours.noiseModel(), list(ours.keys()), ours.evaluate
+        return _Callback(ours.noiseModel(), ours.keys(), ours.evaluate)
     if isinstance(inner, gtsam.CustomFactor):
         raise ValueError("inner must not be a CustomFactor: give its parts as an ErrorFunction")
     if not isinstance(inner, gtsam.NoiseModelFactor):
         raise ValueError(f"inner must be a factor or an ErrorFunction, not {type(inner).__name__}")
-    return inner.noiseModel(), list(inner.keys()), _of_native(inner)
-
-
-def _of_function(error: Callable[[Any, gtsam.Values, Any], Array]) -> Evaluate:
-    def evaluate(values: gtsam.Values, jacobians: Any) -> Array:
-        found = np.asarray(error(None, values, jacobians), np.float64)
-        if jacobians is not None and any(block is None for block in jacobians):
-            raise ValueError("an error function must set all jacobians[k]")
-        return found
-
-    return evaluate
-
-
-def _of_native(inner: gtsam.NoiseModelFactor) -> Evaluate:
-    """Linearise with unit noise: what is whitened is then the error itself."""
-    unit = inner.cloneWithNewNoiseModel(gtsam.noiseModel.Unit.Create(inner.dim()))
-    keys = list(inner.keys())
-    name = f"{type(inner).__name__} on {' '.join(map(gtsam.DefaultKeyFormatter, keys))}"
-    columns: list[slice] = []  # of each key, once the sizes of the values are known
-
-    def evaluate(values: gtsam.Values, jacobians: Any) -> Array:
-        try:
-            if jacobians is None:
-                return np.asarray(unit.unwhitenedError(values))
-            A, b = unit.linearize(values).jacobian()
-        except RuntimeError as failure:
-            raise ValueError(f"{name}: {failure}") from failure
-        if not columns:
-            zeros = values.zeroVectors()
-            ends = np.cumsum([0, *(len(zeros.at(key)) for key in keys)]).tolist()
-            columns.extend(map(slice, ends[:-1], ends[1:]))
-        jacobians[:] = [A[:, of_key] for of_key in columns]
-        return -b
-
-    return evaluate
+    return _Native(inner)
 
 
 class CopiedValue:

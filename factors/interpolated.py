@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_finite_noise
-from factors.factor import Evaluate, Factor
-from factors.inner_factor import ANY, CopiedValue, InnerFactor, parts_of
-from factors.interpolation import root_given_states
-from factors.jacobian_blocks import Jacobians, fill
-from factors.kernels import Array, state_between_kernel
+from factors.factor import Factor
+from factors.inner_factor import ANY, CopiedValue, Inner, InnerFactor, inner_of
+from factors.jacobian_blocks import Jacobians, blocks_of
+from factors.kernels.between import chain_kernel, state_at_kernel, whiten_between_kernel
+from factors.kernels.se3 import Array
 from factors.variables import (
     POSE3,
     TWIST,
@@ -77,11 +77,11 @@ class InterpolatedFactor(Factor):
     ) -> None:
         states = as_state("state_i", state_i), as_state("state_j", state_j)
         t = checked_time_between(t, *states)
-        model, inner_keys, evaluate = parts_of(inner)
-        if pose is None and inner_keys[0] != velocity:
-            pose = inner_keys[0]
+        held = inner_of(inner)
+        if pose is None and held.keys[0] != velocity:
+            pose = held.keys[0]
         for role, key in (("pose", pose), ("velocity", velocity)):
-            if key is not None and key not in inner_keys:
+            if key is not None and key not in held.keys:
                 raise ValueError(f"{role} must be a key of the inner factor, not {key}")
         variables = [
             Variable(f"{role}_{end}", key, kind)
@@ -89,10 +89,11 @@ class InterpolatedFactor(Factor):
             for role, key, kind in (("pose", state[0], POSE3), ("velocity", state[1], TWIST))
         ]
         own = checked_keys(variables)
-        others = [key for key in inner_keys if key not in (pose, velocity)]
-        variables += [Variable("of inner", key, ANY) for key in others if key not in own]
-        noise = None if qc is None else _NoiseBetween(model, whitening(qc))
-        error = _Interpolation(evaluate, inner_keys, (pose, velocity), states, t, noise)
+        others = [key for key in held.keys if key not in (pose, velocity, *own)]
+        variables += [Variable("of inner", key, ANY) for key in others]
+        noise = None if qc is None else _NoiseBetween(held.model, whitening(qc))
+        keys = [variable.key for variable in variables]
+        error = _Interpolation(held, keys, (pose, velocity), states, t, noise)
         made_of = {
             "inner": inner,
             "state_i": states[0],
@@ -102,27 +103,30 @@ class InterpolatedFactor(Factor):
             "velocity": velocity,
             "qc": None if qc is None else np.array(qc, np.float64),
         }
-        super().__init__(model if noise is None else noise.model, variables, error, made_of)
+        super().__init__(held.model if noise is None else noise.model, variables, error, made_of)
 
 
 class _NoiseBetween:
-    """Noise of a measurement between two states, to which these leave the state at t uncertain."""
+    """Noise of a measurement between two states, to which these leave the state at t uncertain.
+
+    Attributes
+    ----------
+    model
+        Of the whitened error.
+    covariance
+        (m, m) of the measurement.
+    W
+        (6, 6) `whitening` of the power spectral density.
+    """
 
     def __init__(self, model: gtsam.noiseModel.Base, W: Array) -> None:
         checked_finite_noise(model, model.dim())
-        robust = model.robust() if isinstance(model, gtsam.noiseModel.Robust) else None
-        gaussian = model.noise() if isinstance(model, gtsam.noiseModel.Robust) else model
-        unit = gtsam.noiseModel.Unit.Create(model.dim())
-        self.model = unit if robust is None else gtsam.noiseModel.Robust.Create(robust, unit)
-        self._covariance, self._W = gaussian.covariance(), W  # type: ignore[attr-defined]
-
-    def whitening(
-        self, ends: tuple[Array, ...], T: Array, v: Array, a: float, b: float, H: Array
-    ) -> Array:
-        """Return W (m, m) of errors with the Jacobian H (m, 12) by the state (T, v) at t."""
-        root = H @ root_given_states(ends, T, v, a, b, self._W)
-        covariance = self._covariance + root @ root.T
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+        gaussian: Any = model
+        self.model: gtsam.noiseModel.Base = gtsam.noiseModel.Unit.Create(model.dim())
+        if isinstance(model, gtsam.noiseModel.Robust):
+            gaussian = model.noise()
+            self.model = gtsam.noiseModel.Robust.Create(model.robust(), self.model)
+        self.covariance, self.W = np.ascontiguousarray(gaussian.covariance()), W
 
 
 class _Interpolation:
@@ -130,59 +134,74 @@ class _Interpolation:
 
     def __init__(
         self,
-        evaluate: Evaluate,
-        inner_keys: list[int],
+        inner: Inner,
+        keys: list[int],
         at_t: tuple[int | None, int | None],
         states: tuple[tuple[int, int, float], ...],
         t: float,
         noise: _NoiseBetween | None,
     ) -> None:
-        self._evaluate, self._keys, (self._pose, self._velocity) = evaluate, inner_keys, at_t
-        self._states, self._noise = states, noise
-        self._a, self._b = t - states[0][2], states[1][2] - t
-        self._others = {key: CopiedValue() for key in inner_keys if key not in at_t}
+        self._inner, self._keys, self._noise = inner, keys, noise
+        self._pose, self._velocity = at_t
+        self._t = np.array([t - states[0][2], states[1][2] - t])
+        self._copied = [(key, CopiedValue()) for key in inner.keys if key not in at_t]
+        self._columns: list[slice] | None = None
+        self._identity = gtsam.Values()
+        if self._pose is not None:
+            self._identity.insert(self._pose, gtsam.Pose3())
+        if self._velocity is not None:
+            self._identity.insert(self._velocity, np.zeros(6))
 
     def __call__(self, values: gtsam.Values, jacobians: Jacobians) -> Array:
-        (pose_i, velocity_i, _), (pose_j, velocity_j, _) = self._states
+        pose_i, velocity_i, pose_j, velocity_j = self._keys[:4]
         ends = (
             values.atPose3(pose_i).matrix(),
             values.atVector6(velocity_i),
             values.atPose3(pose_j).matrix(),
             values.atVector6(velocity_j),
         )
-        T, v = np.empty((4, 4)), np.empty(6)
-        by_ends = state_between_kernel(*ends, self._a, self._b, T, v)
-        inner = self._values_at(values, T, v)
+        found = np.empty(24)
+        state_at_kernel(*ends, self._t, found)
+        at_t = self._values_at(values, found)
         if jacobians is None and self._noise is None:
-            return self._evaluate(inner, None)
-        blocks: list[Any] = [None] * len(self._keys)
-        error = self._evaluate(inner, blocks)
-        by_key = dict(zip(self._keys, blocks, strict=True))
-        by_state = np.zeros((len(error), 12))
-        if self._pose is not None:
-            by_state[:, :6] = by_key.pop(self._pose)
-        if self._velocity is not None:
-            by_state[:, 6:] = by_key.pop(self._velocity)
+            return self._inner.error(at_t)
+        system = self._inner.system(at_t)
+        if self._columns is not self._inner.columns:
+            self._prepare(len(system))
         if self._noise is not None:
-            W = self._noise.whitening(ends, T, v, self._a, self._b, by_state)
-            error, by_state = W @ error, W @ by_state
-            by_key = {key: W @ block for key, block in by_key.items()}
+            noise = self._noise.W, self._noise.covariance
+            whiten_between_kernel(*ends, self._t, *noise, self._places, found, system)
+        blocks = self._blocks.own
+        chain_kernel(*ends, self._t, system, self._places, blocks.outputs)
+        for place, columns in self._others:  # a state may also be one of the inner factor's own
+            own_share = blocks.views[place] if place < 4 else 0.0
+            blocks.views[place][...] = own_share + system[:, columns]
         if jacobians is not None:
-            by_states = by_state @ by_ends
-            keys = pose_i, velocity_i, pose_j, velocity_j
-            by_outer = {key: by_states[:, 6 * k : 6 * k + 6] for k, key in enumerate(keys)}
-            for key, block in by_key.items():  # a state may also be one of the inner factor's own
-                by_outer[key] = by_outer[key] + block if key in by_outer else block
-            fill(jacobians, list(by_outer.values()))
-        return error
+            blocks.copy_to(jacobians)
+        return blocks.error
 
-    def _values_at(self, values: gtsam.Values, T: Array, v: Array) -> gtsam.Values:
-        """Return the values of the inner factor, the state at t among them."""
-        found = gtsam.Values()
+    def _prepare(self, rows: int) -> None:
+        """Find out where the columns of the inner factor are, whose sizes are known by now."""
+        columns = self._columns = self._inner.columns
+        by_key = dict(zip(self._inner.keys, columns, strict=True))
+        firsts = (-1 if key is None else by_key[key].start for key in (self._pose, self._velocity))
+        self._places = np.array(list(firsts))
+        self._others = [(self._keys.index(key), by_key[key]) for key, _ in self._copied]
+        sizes = {self._keys[place]: of.stop - of.start for place, of in self._others}
+        self._blocks = blocks_of(rows, tuple(sizes.get(key, 6) for key in self._keys))
+
+    def _values_at(self, values: gtsam.Values, state: Array) -> gtsam.Values:
+        """Return the values of the inner factor, the state at t among them.
+
+        It is retracted from the identity, because GTSAM looks for the `insert` of a Pose3 among 45
+        of them, for longer than all else takes.
+        """
+        step = gtsam.VectorValues()
         if self._pose is not None:
-            found.insert(self._pose, pose3=gtsam.Pose3(T))  # by name: see CopiedValue
+            step.insert(self._pose, state[:6])
         if self._velocity is not None:
-            found.insert(self._velocity, vector=v)
-        for key, copied in self._others.items():
+            step.insert(self._velocity, state[6:12])
+        found = self._identity.retract(step)
+        for key, copied in self._copied:
             copied.copy(values, key, found)
         return found

@@ -11,19 +11,15 @@ from numpy.typing import ArrayLike
 from factors.checks import Pose, checked_pose, power_spectral_density
 from factors.factor import Factor
 from factors.jacobian_blocks import JacobianBlocks
-from factors.kernels import (
-    EXACT,
-    Array,
+from factors.kernels.local_variables import (
     chain_rule_kernel,
-    copy_columns_kernel,
     hermite_weights,
     interpolated_local_kernel,
-    kernel,
     local_jacobian_kernel,
     local_state_kernel,
-    retract_kernel,
-    row_major_kernel,
 )
+from factors.kernels.outputs import Addresses, error_at, jacobian_at
+from factors.kernels.se3 import Array, compose_exp_kernel, copy_columns_kernel, kernel
 from factors.lie import se3_adjoint, se3_inverse
 from factors.stereo import (
     Camera,
@@ -58,29 +54,24 @@ def _linearized_kernel(
     T_body_cam: Array,
     by_body: Array,
     derivatives: bool,
-    error: Array,
-    by_T_i: Array,
-    by_v_i: Array,
-    by_T_j: Array,
-    by_v_j: Array,
-    by_landmark: Array,
+    outputs: Addresses,
 ) -> None:
     """Write the error (3,) and its Jacobians with respect to states (3, 6) and landmark (3, 3).
 
     The constants (10,) are the seconds after state i and before state j, the measurement and the
     intrinsics; `by_body` (6, 6) is the Jacobian of the camera's pose with respect to the body's.
     """
-    T_i = row_major_kernel(T_i)
     weights = hermite_weights(constants[0], constants[1])
-    local_j = local_state_kernel(T_i, row_major_kernel(T_j), v_j)
+    local_j = local_state_kernel(T_i, T_j, v_j)
     local = interpolated_local_kernel(v_i, local_j, weights)
-    T, v, T_world_cam = np.empty((4, 4)), np.empty(6), np.zeros((4, 4))
-    retract_kernel(T_i, local, T, v)
+    T, T_world_cam = np.empty((4, 4)), np.zeros((4, 4))
+    compose_exp_kernel(T_i, local, T)
     for i in range(4):
         for k in range(4):
             for j in range(4):
                 T_world_cam[i, j] += T[i, k] * T_body_cam[k, j]
     stereo = reprojection_kernel(T_world_cam, landmark, constants[2:5], constants[5:10])
+    error = error_at(outputs, 3)
     for i in range(3):
         error[i] = stereo[i, 9]
     if derivatives:
@@ -89,14 +80,12 @@ def _linearized_kernel(
             for k in range(6):
                 for j in range(6):
                     rows[i, j] += stereo[i, k] * by_body[k, j]
-        by_states_j = local_jacobian_kernel(local_j, v_j, EXACT)
+        by_states_j = local_jacobian_kernel(local_j, v_j)
         by_states = np.empty((3, 30))
         chain_rule_kernel(rows, local, by_states_j, weights, by_states)
-        copy_columns_kernel(by_states, 0.0, by_T_i)
-        copy_columns_kernel(by_states, 6.0, by_v_i)
-        copy_columns_kernel(by_states, 12.0, by_T_j)
-        copy_columns_kernel(by_states, 18.0, by_v_j)
-        copy_columns_kernel(stereo, 6.0, by_landmark)
+        for block in range(4):
+            copy_columns_kernel(by_states, 6 * block, jacobian_at(outputs, block, 3, 6))
+        copy_columns_kernel(stereo, 6, jacobian_at(outputs, 4, 3, 3))
 
 
 class InterpolatedStereoFactor(Factor):
@@ -184,6 +173,7 @@ class InterpolatedStereoFactor(Factor):
         constants = np.r_[t - t_i, t_j - t, made_of["measured"], made_of["camera"].parameters]
 
         def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
+            own = _BLOCKS.own
             _linearized_kernel(
                 values.atPose3(pose_i).matrix(),
                 values.atVector6(velocity_i),
@@ -194,11 +184,11 @@ class InterpolatedStereoFactor(Factor):
                 T_body_cam,
                 by_body,
                 jacobians is not None,
-                *_BLOCKS.outputs,
+                own.outputs,
             )
             if jacobians is not None:
-                _BLOCKS.copy_to(jacobians)
-            return _BLOCKS.error
+                own.copy_to(jacobians)
+            return own.error
 
         variables = [
             Variable("pose_i", pose_i, POSE3),

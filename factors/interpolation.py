@@ -5,23 +5,21 @@ Section III-C.2 of Wang and Gammell; Barfoot, "State Estimation for Robotics", c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import Poses, checked_array, checked_poses
-from factors.kernels import (
-    EXACT,
-    Array,
+from factors.kernels.local_variables import (
     hermite_weights,
     interpolated_local_kernel,
-    kernel,
     local_state_kernel,
     retract_kernel,
+    wnoa_kernel,
 )
-from factors.wnoa import information_root, kronecker, whitening, wnoa_kernel
+from factors.kernels.se3 import Array, kernel
+from factors.wnoa import information_root, kronecker, whitening
 
 
 class InterpolatedState(NamedTuple):
@@ -136,7 +134,7 @@ def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, W
     """
     dt = np.where(dt == 0, 1.0, dt)
     rows = zip(T_i, v_i, T_j, v_j, dt, strict=True)
-    derivatives = np.array([wnoa_kernel(*row, True, EXACT) for row in rows])
+    derivatives = np.array([wnoa_kernel(*row) for row in rows])
     derivatives = derivatives.reshape(-1, 12, 25)
     return kronecker(information_root(dt), W) @ derivatives[..., :24]
 
@@ -163,30 +161,6 @@ def _given_states(from_i: Array, to_j: Array) -> tuple[Array, Array]:
     Q, R = np.linalg.qr(own)
     inverse = np.linalg.inv(R)
     return inverse @ (np.swapaxes(Q, 1, 2) @ others), inverse
-
-
-def root_given_states(
-    ends: Sequence[Array], T: Array, v: Array, a: float, b: float, W: Array
-) -> Array:
-    """Compute L (12, 12), LLᵀ the covariance of the state (T, v) given two states.
-
-    The states `ends`, T_i, v_i, T_j, v_j, are a seconds before it and b after it; W is the
-    `whitening` of the power spectral density.
-    """
-    if a == 0 or b == 0:
-        return np.zeros((12, 12))
-    T_i, v_i, T_j, v_j = map(np.ascontiguousarray, ends)
-    own = np.empty((24, 12))
-    own[:12] = _root(a, W) @ wnoa_kernel(T_i, v_i, T, v, a, True, EXACT)[:, 12:24]
-    own[12:] = _root(b, W) @ wnoa_kernel(T, v, T_j, v_j, b, True, EXACT)[:, :12]
-    return np.asarray(np.linalg.inv(np.linalg.qr(own, mode="r")))
-
-
-def _root(dt: float, W: Array) -> Array:
-    """(12, 12) square root of the prior's information."""
-    root, S = information_root(dt), np.zeros((12, 12))
-    S[:6, :6], S[:6, 6:], S[6:, 6:] = root[0, 0] * W, root[0, 1] * W, root[1, 1] * W
-    return S
 
 
 def _square_root(covariance: Array) -> Array:

@@ -8,50 +8,43 @@ from __future__ import annotations
 
 from functools import lru_cache
 from threading import local
-from typing import Any
 
 import gtsam
 import numpy as np
 
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 
-Jacobians = gtsam.JacobianVector | list[Any] | None
-"""Where a callback writes its Jacobians: GTSAM's own list, or that of a factor that holds it."""
+Jacobians = gtsam.JacobianVector | None
+"""Where a callback writes its Jacobians, if any."""
 
 
-class JacobianBlocks(local):
-    """The error and its Jacobians (rows, columns[k]) by the k-th key, for all factors of one shape.
+class Blocks:
+    """An error and its Jacobians (rows, columns[k]) by the k-th key.
 
-    Fill the `error` and the `views`, then `copy_to` the list that GTSAM passes to a callback. Each
-    thread has its own.
+    Fill the `error` and the `views`, or pass their addresses, `outputs`, to a kernel that does; and
+    then `copy_to` GTSAM's list.
     """
 
     def __init__(self, rows: int, columns: tuple[int, ...]) -> None:
         self._matrices = gtsam.JacobianVector([np.zeros((rows, n), order="F") for n in columns])
         self.views: list[Array] = [self._matrices[k] for k in range(len(columns))]
         self.error: Array = np.zeros(rows)
-        self.outputs = (self.error, *self.views)
+        self.outputs = np.array([each.ctypes.data for each in (self.error, *self.views)], np.uint64)
 
-    def copy_to(self, jacobians: gtsam.JacobianVector | list[Any]) -> None:
-        """Copy the blocks to GTSAM's list, or to another."""
-        if isinstance(jacobians, list):
-            jacobians[:] = [view.copy() for view in self.views]
-            return
+    def copy_to(self, jacobians: gtsam.JacobianVector) -> None:
+        """Copy the Jacobians to GTSAM's list."""
         jacobians.clear()
         jacobians.extend(self._matrices)
 
 
-def fill(jacobians: gtsam.JacobianVector | list[Any], blocks: list[Array]) -> None:
-    """Write blocks (rows, columns[k]) to GTSAM's list, or to another."""
-    if isinstance(jacobians, list):
-        jacobians[:] = blocks
-        return
-    shared = _blocks_of(len(blocks[0]), tuple(block.shape[1] for block in blocks))
-    for view, block in zip(shared.views, blocks, strict=True):
-        view[...] = block
-    shared.copy_to(jacobians)
+class JacobianBlocks(local):
+    """The blocks of all factors of one shape; each thread has its `own`."""
+
+    def __init__(self, rows: int, columns: tuple[int, ...]) -> None:
+        self.own = Blocks(rows, columns)
 
 
 @lru_cache(maxsize=64)
-def _blocks_of(rows: int, columns: tuple[int, ...]) -> JacobianBlocks:
+def blocks_of(rows: int, columns: tuple[int, ...]) -> JacobianBlocks:
+    """Return the blocks of a shape."""
     return JacobianBlocks(rows, columns)

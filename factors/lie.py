@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import Poses, checked_array, checked_poses
-from factors.kernels import (
+from factors.kernels.se3 import (
     LEFT,
     Array,
     copy_kernel,

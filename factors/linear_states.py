@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 
 from factors.factor import Factor
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 from factors.lie import se3_inverse, se3_log
 from factors.variables import POSE3, TWIST, Variable
 

@@ -7,81 +7,24 @@ dt a_i, u - a_i]. Barfoot, "State Estimation for Robotics", chapter 11; Tang, Yo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, overload
 
 import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import checked_array, checked_duration, power_spectral_density
+from factors.checks import checked_array, checked_duration
 from factors.factor import Factor
-from factors.jacobian_blocks import Jacobians, fill
-from factors.kernels import EXACT, Array, local_motion_kernel, retract_motion_kernel, wnoj_kernel
-from factors.kernels import quintic_weights as wnoj_weights
+from factors.kernels.local_variables import EXACT, FIRST_ORDER
+from factors.kernels.se3 import Array
+from factors.prior_error import PriorError
 from factors.spaces import IN_PLANE, IN_SPACE, ROTATIONS, Space
-from factors.variables import Variable, are_states, vector
-from factors.wnoa import WnoaFactor, whitening, wnoa_kernel
+from factors.variables import State, Variable, are_states
+from factors.wnoa import whitening
 
 
-def prior_covariance(order: int, dt: float, qc: ArrayLike, dimension: int = 6) -> Array:
-    """Compute the covariance (order n, order n) of a prior's error after dt seconds.
-
-    `order` is 2 for WNOA and 3 for WNOJ; `qc` the power spectral density, (n,) or (n, n), of the
-    white noise, with n = `dimension`.
-    """
-    root = np.linalg.inv(information_root(order, checked_duration(dt)))
-    return np.asarray(np.kron(root @ root.T, power_spectral_density(qc, dimension)), np.float64)
-
-
-def prior_square_root_information(
-    order: int, dt: float, qc: ArrayLike, dimension: int = 6
-) -> Array:
-    """Compute S (order n, order n) with SᵀS the inverse of `prior_covariance`, in closed form."""
-    W = np.linalg.inv(np.linalg.cholesky(power_spectral_density(qc, dimension)))
-    return np.asarray(np.kron(information_root(order, checked_duration(dt)), W), np.float64)
-
-
-def information_root(order: int, dt: float) -> Array:
-    """Compute the upper triangular scalars (order, order) whose Kronecker product with W is S."""
-    powers = dt ** (0.5 - np.arange(order, 0, -1))
-    if order == 2:
-        return np.array([[2 * np.sqrt(3), -np.sqrt(3)], [0, 1]]) * powers
-    five, three = np.sqrt(5), np.sqrt(3)
-    return np.array([[12 * five, -6 * five, five], [0, 2 * three, -three], [0, 0, 1]]) * powers
-
-
-class BetweenStates:
-    """What a motion prior tells of the time between its states."""
-
-    _error: _PriorError
-    dt: float
-
-    def interpolate(self, values: gtsam.Values, t: float) -> tuple[Any, ...]:
-        """Return pose, velocity and, for WNOJ, acceleration t seconds after state i.
-
-        Raises
-        ------
-        ValueError
-            If t is not within [0, dt].
-        """
-        if not 0 <= t <= self.dt:
-            raise ValueError(f"t must be within 0 and dt = {self.dt} s, not {t}")
-        return self._error.interpolate(values, float(t))
-
-    def covariance(self, values: gtsam.Values, t: float, joint_covariance: ArrayLike) -> Array:
-        """Return the covariance (order n, order n) of what `interpolate` returns.
-
-        `joint_covariance` (2 order n, 2 order n) is that of both states. See `factors.interpolate`
-        for how exact it is.
-        """
-        state = self.interpolate(values, t)
-        size = 2 * self._error.size
-        joint = checked_array("joint_covariance", joint_covariance, (size, size))
-        return self._error.covariance(values, state, float(t), joint)
-
-
-class MotionPrior(BetweenStates, Factor):
+class MotionPrior(Factor):
     """Motion prior between two states that are dt seconds apart.
 
     It takes either the keys, `Prior(pose_i, velocity_i, pose_j, velocity_j, dt, qc)`, with an
@@ -106,177 +49,97 @@ class MotionPrior(BetweenStates, Factor):
 
     Notes
     -----
-    The error is whitened in the factor and its noise model is Unit. Jacobians are exact.
+    The error is whitened in the factor and its noise model is Unit, because GTSAM 4.3 turns the
+    covariance of short durations into a diagonal one, without correlation of pose and velocity.
+    Jacobians are exact.
     """
 
     order: ClassVar[int]
     space: ClassVar[Space | None]
+    options: ClassVar[Mapping[str, Any]] = {}
     dt: float
     qc: Array
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         made_of = self._arguments(args, kwargs)
-        *keys, dt, qc = made_of.values()
-        half = len(keys) // 2
-        W = np.linalg.inv(np.linalg.cholesky(_density(qc, self.space)))
-        self._error = _PriorError(self.space, self.order, keys[:half], keys[half:], dt, W)
-        pose, rate = self._error.kinds
-        kinds = [pose if name.startswith("pose") else rate for name in made_of][: len(keys)]
-        variables = [Variable(*of) for of in zip(made_of, keys, kinds, strict=False)]
-        unit = gtsam.noiseModel.Unit.Create(self.order * len(W))
-        super().__init__(unit, variables, self._error, made_of)
+        names = self._key_names()
+        keys = [made_of[name] for name in names]
+        size = len(made_of["qc"]) if self.space is None else len(self.space.columns)
+        W = whitening(made_of["qc"], size)
+        higher = FIRST_ORDER if made_of.get("approximate_jacobians") else EXACT
+        self._prior = PriorError(self.space, self.order, keys, made_of["dt"], W, higher)
+        pose, rate = self._prior.kinds
+        variables = [
+            Variable(name, key, pose if name.startswith("pose") else rate)
+            for name, key in zip(names, keys, strict=True)
+        ]
+        unit = gtsam.noiseModel.Unit.Create(self._prior.size)
+        super().__init__(unit, variables, self._prior.evaluate, made_of)
+
+    @classmethod
+    def _key_names(cls) -> list[str]:
+        roles = ("pose", "velocity", "acceleration")[: cls.order]
+        return [f"{role}_{end}" for end in "ij" for role in roles]
 
     @classmethod
     def _arguments(cls, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str, Any]:
         """Check and name the arguments, whichever way they are given."""
-        roles = ("pose", "velocity", "acceleration")[: cls.order]
-        names = [f"{role}_{end}" for end in "ij" for role in roles]
+        names = cls._key_names()
         if are_states(args, kwargs):
-            given = _named(("state_i", "state_j", "qc"), args, kwargs)
-            *keys_i, t_i = _parts("state_i", given["state_i"], cls.order)
-            *keys_j, t_j = _parts("state_j", given["state_j"], cls.order)
+            given = _named(("state_i", "state_j", "qc"), cls.options, args, kwargs)
+            *keys_i, t_i = _parts("state_i", given.pop("state_i"), cls.order)
+            *keys_j, t_j = _parts("state_j", given.pop("state_j"), cls.order)
             if not t_i < t_j:
                 raise ValueError(f"state_j must be later than state_i: dt = {t_j - t_i} s")
-            given = dict(zip(names, (*keys_i, *keys_j), strict=True), dt=t_j - t_i, qc=given["qc"])
+            given |= zip(names, (*keys_i, *keys_j), strict=True)
+            given["dt"] = t_j - t_i
         else:
-            given = _named((*names, "dt", "qc"), args, kwargs)
+            given = _named((*names, "dt", "qc"), cls.options, args, kwargs)
         keys = {name: int(given[name]) for name in names}
-        return {
-            **keys,
-            "dt": checked_duration(given["dt"]),
-            "qc": np.array(given["qc"], np.float64),
-        }
-
-
-class _PriorError:
-    """Error function of a prior, and what lies between its states."""
-
-    def __init__(
-        self,
-        space: Space | None,
-        order: int,
-        keys_i: Sequence[int],
-        keys_j: Sequence[int],
-        dt: float,
-        W: Array,
-    ) -> None:
-        self._space, self._order, self._keys = space, order, (keys_i, keys_j)
-        self._dt, self._W, self.size = dt, W, order * len(W)
-        self._root = np.kron(information_root(order, dt), W)
-        size, columns = len(W), range(len(W)) if space is None else space.columns
-        width, self._columns = size if space is None else 6, np.array(columns)
-        self._rows = np.concatenate([width * k + np.array(columns) for k in range(order)])
-        self._picked = np.ix_(self._rows, np.r_[self._rows, width * order + self._rows])
-        rate = vector(size)
-        self.kinds = (rate if space is None else space.kind, rate)
-
-    def __call__(self, values: gtsam.Values, jacobians: Jacobians) -> Array:
-        i, j = (self._read(values, keys) for keys in self._keys)
-        jacobian, error = self._linearized(i, j, self._dt)
-        if jacobians is not None:
-            size = len(self._W)
-            whitened = self._root @ jacobian
-            fill(jacobians, [whitened[:, k : k + size] for k in range(0, len(whitened[0]), size)])
-        return np.asarray(self._root @ error)
-
-    def _read(self, values: gtsam.Values, keys: Sequence[int]) -> list[Array]:
-        """Return the pose as a transform, or a vector, and its rates, in the columns of SE(3)."""
-        pose, rate = self.kinds
-        found = pose.read(values, keys[0])
-        rates = [rate.read(values, key) for key in keys[1:]]
-        if self._space is None:
-            return [found, *rates]
-        return [self._space.to_transform(found), *map(self._spread, rates)]
-
-    def _spread(self, rate: Array) -> Array:
-        spread = np.zeros(6)
-        spread[self._columns] = rate
-        return spread
-
-    def _linearized(self, i: list[Array], j: list[Array], dt: float) -> tuple[Array, Array]:
-        """Return the Jacobian (order n, 2 order n) and the error (order n,), not whitened."""
-        if self._space is None:
-            J = np.hstack([-_transition(self._order, len(self._W), dt), np.eye(len(self._rows))])
-            return J, J @ np.concatenate([*i, *j])
-        whole = (
-            wnoa_kernel(*i, *j, dt, True, EXACT) if self._order == 2 else wnoj_kernel(*i, *j, dt)
-        )
-        return whole[self._picked], whole[self._rows, -1]
+        dt, qc = checked_duration(given["dt"]), np.atleast_1d(np.array(given["qc"], np.float64))
+        return {**keys, "dt": dt, "qc": qc, **{name: given[name] for name in cls.options}}
 
     def interpolate(self, values: gtsam.Values, t: float) -> tuple[Any, ...]:
-        i, j = (self._read(values, keys) for keys in self._keys)
-        weights = _weights(self._order, t, self._dt - t)
-        if self._space is None:
-            between = np.einsum("eab,ebn->an", weights, np.stack([np.stack(i), np.stack(j)]))
-            return tuple(between)
-        at_j = local_motion_kernel(i[0], j[0], j[1], j[-1])[:, 24].reshape(3, 6)[: self._order]
-        at_i = np.stack([np.zeros(6), *i[1:]])
-        local = np.zeros(18)
-        local[: 6 * self._order] = (weights[0] @ at_i + weights[1] @ at_j).ravel()
-        T, v, a = np.empty((4, 4)), np.empty(6), np.empty(6)
-        retract_motion_kernel(i[0], local, T, v, a)
-        rates = [rate[list(self._space.columns)] for rate in (v, a)[: self._order - 1]]
-        return (self._space.from_transform(T), *rates)
+        """Return pose, velocity and, for WNOJ, acceleration t seconds after state i.
 
-    def covariance(
-        self, values: gtsam.Values, state: tuple[Any, ...], t: float, joint: Array
-    ) -> Array:
-        """Return the covariance of the state between, as one more state of the graph."""
-        size, (i, j) = self.size, (self._read(values, keys) for keys in self._keys)
-        if t == 0 or t == self._dt:
-            own = slice(0, size) if t == 0 else slice(size, None)
-            return joint[own, own]
-        space = self._space
-        middle = (
-            list(state)
-            if space is None
-            else [space.to_transform(state[0]), *map(self._spread, state[1:])]
-        )
-        rows, others = [], np.zeros((2 * size, 2 * size))
-        for n, (one, other, dt) in enumerate(((i, middle, t), (middle, j, self._dt - t))):
-            S = np.kron(information_root(self._order, dt), self._W)
-            J = S @ self._linearized(one, other, dt)[0]
-            mine, end = (J[:, size:], J[:, :size]) if n == 0 else (J[:, :size], J[:, size:])
-            rows.append(mine)
-            part = slice(n * size, (n + 1) * size)
-            others[part, part] = end
-        Q, R = np.linalg.qr(np.vstack(rows))
-        inverse = np.linalg.inv(R)
-        gain = inverse @ (Q.T @ others)
-        return np.asarray(gain @ joint @ gain.T + inverse @ inverse.T)
+        Raises
+        ------
+        ValueError
+            If t is not within [0, dt].
+        """
+        if not 0 <= t <= self.dt:
+            raise ValueError(f"t must be within 0 and dt = {self.dt} s, not {t}")
+        return self._prior.interpolate(values, float(t))
+
+    def covariance(self, values: gtsam.Values, t: float, joint_covariance: ArrayLike) -> Array:
+        """Return the covariance (order n, order n) of what `interpolate` returns.
+
+        `joint_covariance` (2 order n, 2 order n) is that of both states. See `factors.interpolate`
+        for how exact it is.
+        """
+        state = self.interpolate(values, t)
+        size = 2 * self._prior.size
+        joint = checked_array("joint_covariance", joint_covariance, (size, size))
+        return self._prior.covariance(values, state, float(t), joint)
 
 
-def _weights(order: int, a: float, b: float) -> Array:
-    """(2, order, order) weights of both states' local variables at a after i and b before j."""
-    if order == 3:
-        return wnoj_weights(a, b)
-    dt = a + b
-    s, r = a / dt, b / dt
-    at_i = [[r * r * (1 + 2 * s), r * r * a], [-6 * s * r / dt, r * (1 - 3 * s)]]
-    at_j = [[s * s * (1 + 2 * r), -s * s * b], [6 * s * r / dt, s * (1 - 3 * r)]]
-    return np.array([at_i, at_j])
-
-
-def _transition(order: int, size: int, dt: float) -> Array:
-    """(order n, order n) transition of a vector and its rates over dt."""
-    powers = [[1, dt, dt * dt / 2], [0, 1, dt], [0, 0, 1]]
-    return np.kron(np.array(powers)[:order, :order], np.eye(size))
-
-
-def _named(names: Sequence[str], args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str, Any]:
-    """Name positional arguments.
+def _named(
+    names: Sequence[str], options: Mapping[str, Any], args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> dict[str, Any]:
+    """Name positional arguments, the last of which are options with these defaults.
 
     Raises
     ------
     TypeError
         If one is missing, unknown or given twice.
     """
-    given = dict(zip(names, args, strict=False))
-    twice, unknown = given.keys() & kwargs.keys(), kwargs.keys() - set(names)
+    every = (*names, *options)
+    given = dict(zip(every, args, strict=False))
+    twice, unknown = given.keys() & kwargs.keys(), kwargs.keys() - set(every)
     missing = set(names) - given.keys() - kwargs.keys()
-    if len(args) > len(names) or twice or unknown or missing:
-        raise TypeError(f"arguments must be {', '.join(names)}, once each")
-    return {**given, **kwargs}
+    if len(args) > len(every) or twice or unknown or missing:
+        raise TypeError(f"arguments must be {', '.join(every)}, once each")
+    return {**options, **given, **kwargs}
 
 
 def _parts(name: str, state: Any, order: int) -> list[Any]:
@@ -289,20 +152,34 @@ def _parts(name: str, state: Any, order: int) -> list[Any]:
     return list(state)
 
 
-def _density(qc: ArrayLike, space: Space | None) -> Array:
-    return power_spectral_density(qc, len(qc) if space is None else len(space.columns))  # type: ignore[arg-type]
+class WnoaPriorFactor(MotionPrior):
+    """White noise on acceleration of a gtsam.Pose3; rates are body twists, rotation first, 6.
 
+    With `approximate_jacobians` it uses the paper's first-order E_21 and E_23 instead of the exact
+    Jacobians.
+    """
 
-class WnoaPriorFactor(BetweenStates, WnoaFactor):
-    __doc__ = WnoaFactor.__doc__
+    order, space, options = 2, IN_SPACE, {"approximate_jacobians": False}
 
-    @property
-    def _error(self) -> _PriorError:  # type: ignore[override]
-        made_of = self._made_of
-        keys_i, keys_j = (
-            [made_of[f"{role}_{end}"] for role in ("pose", "velocity")] for end in "ij"
-        )
-        return _PriorError(IN_SPACE, 2, keys_i, keys_j, self.dt, whitening(self.qc))
+    @overload
+    def __init__(
+        self,
+        pose_i: int,
+        velocity_i: int,
+        pose_j: int,
+        velocity_j: int,
+        dt: float,
+        qc: ArrayLike,
+        approximate_jacobians: bool = False,
+    ) -> None: ...
+
+    @overload
+    def __init__(
+        self, state_i: State, state_j: State, qc: ArrayLike, approximate_jacobians: bool = False
+    ) -> None: ...
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
 
 
 class WnoaPriorFactorPose2(MotionPrior):

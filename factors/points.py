@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import Pose, checked_noise, checked_pose, checked_vector
-from factors.factor import Factor
-from factors.jacobian_blocks import Jacobians, fill
-from factors.kernels import Array
-from factors.lie import skew
+from factors.factor import Evaluate, Factor
+from factors.jacobian_blocks import Jacobians, blocks_of
+from factors.kernels.outputs import Addresses, error_at, jacobian_at
+from factors.kernels.se3 import Array, kernel
 from factors.variables import POINT3, POSE3, Variable
 
 
@@ -25,10 +25,41 @@ def _in_body(measured: ArrayLike, T_body_sensor: Pose | None) -> tuple[Array, Ar
     return point, T[:3, :3] @ point + T[:3, 3], T
 
 
-def _in_world(T: Array, point: Array) -> tuple[Array, Array]:
-    """Return a point of the body in the world, and its Jacobian (3, 6) by the body's pose."""
-    R = T[:3, :3]
-    return R @ point + T[:3, 3], np.hstack([-R @ skew(point), R])
+@kernel
+def _rows_kernel(T: Array, point: Array, axes: Array, goal: Array, outputs: Addresses) -> None:
+    """Write the error axes (T p) - goal, (m,), along axes (m, 3), and its Jacobian by T, (m, 6)."""
+    error, by_pose = error_at(outputs, len(axes)), jacobian_at(outputs, 0, len(axes), 6)
+    x, y, z = point[0], point[1], point[2]
+    for i in range(len(axes)):
+        a, b, c = 0.0, 0.0, 0.0
+        error[i] = -goal[i]
+        for k in range(3):
+            a += axes[i, k] * T[k, 0]
+            b += axes[i, k] * T[k, 1]
+            c += axes[i, k] * T[k, 2]
+            error[i] += axes[i, k] * T[k, 3]
+        error[i] += a * x + b * y + c * z
+        by_pose[i, 0], by_pose[i, 1], by_pose[i, 2] = y * c - z * b, z * a - x * c, x * b - y * a
+        by_pose[i, 3], by_pose[i, 4], by_pose[i, 5] = a, b, c
+
+
+def _error_of(
+    pose: int, point: Array, axes: Array, goal: Array, target: int | None = None
+) -> Evaluate:
+    """Return the error function; the goal is that of the target, if it is a key."""
+    blocks = blocks_of(len(axes), (6,) if target is None else (6, 3))
+
+    def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
+        own = blocks.own
+        at = goal if target is None else values.atPoint3(target)
+        _rows_kernel(values.atPose3(pose).matrix(), point, axes, at, own.outputs)
+        if jacobians is not None:
+            if target is not None:
+                own.views[1][...] = -axes
+            own.copy_to(jacobians)
+        return own.error
+
+    return error
 
 
 class PointToPointFactor(Factor):
@@ -65,21 +96,15 @@ class PointToPointFactor(Factor):
     ) -> None:
         checked_noise(model, 3)
         point, in_body, T_mount = _in_body(measured, T_body_sensor)
-        variables, landmark = [Variable("pose", int(pose), POSE3)], None
+        variables, axes = [Variable("pose", int(pose), POSE3)], np.eye(3)
         goal: int | Array
         if isinstance(target, int | np.integer):
-            goal = landmark = int(target)
-            variables.append(Variable("target", landmark, POINT3))
+            goal = int(target)
+            variables.append(Variable("target", goal, POINT3))
+            error = _error_of(int(pose), in_body, axes, np.zeros(3), goal)
         else:
             goal = checked_vector("target", target, 3)
-
-        def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
-            found, by_pose = _in_world(values.atPose3(pose).matrix(), in_body)
-            if jacobians is not None:
-                fill(jacobians, [by_pose] if landmark is None else [by_pose, -np.eye(3)])
-            difference: Array = found - (goal if landmark is None else values.atPoint3(landmark))
-            return difference
-
+            error = _error_of(int(pose), in_body, axes, goal)
         made_of: dict[str, Any] = {"measured": point, "target": goal, "model": model}
         arguments = {**made_of, "pose": int(pose), "T_body_sensor": T_mount}
         super().__init__(model, variables, error, arguments)
@@ -128,13 +153,7 @@ class PointToPlaneFactor(Factor):
             raise ValueError(f"normal must have length 1, not {np.linalg.norm(n)}")
         if not np.isfinite(distance):
             raise ValueError(f"distance must be finite metres, not {distance}")
-
-        def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
-            found, by_pose = _in_world(values.atPose3(pose).matrix(), in_body)
-            if jacobians is not None:
-                fill(jacobians, [n[None] @ by_pose])
-            return np.array([n @ found - distance])
-
+        error = _error_of(int(pose), in_body, n[None], np.array([float(distance)]))
         made_of: dict[str, Any] = {"measured": point, "normal": n, "distance": float(distance)}
         arguments = {**made_of, "model": model, "pose": int(pose), "T_body_sensor": T_mount}
         super().__init__(model, [Variable("pose", int(pose), POSE3)], error, arguments)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from factors.checks import Pose, checked_finite_noise, checked_noise, checked_pose, checked_vector
 from factors.factor import Described
-from factors.kernels import Array, kernel
+from factors.kernels.se3 import Array, kernel
 from factors.variables import POINT3, POSE3, Variable, checked_keys
 
 StereoMeasurement = ArrayLike | gtsam.StereoPoint2

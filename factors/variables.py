@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import gtsam
 import numpy as np
 
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 
 State = tuple[int, int, float] | gtsam.StateData
 """Keys of the pose and the velocity, and the time in seconds."""
@@ -31,6 +31,8 @@ class Variable(NamedTuple):
 
 def vector(size: int) -> Kind:
     """Return the kind of vectors (size,)."""
+    if size == 6:
+        return TWIST
 
     def read(values: gtsam.Values, key: int) -> Array:
         found: Array = values.atVector(key)

@@ -10,20 +10,20 @@ from __future__ import annotations
 import numpy as np
 
 from factors.kernels.se3 import (
-    LEFT,
     RIGHT,
     Array,
     adjoint_coefficients_kernel,
     compose_exp_kernel,
+    copy_kernel,
     inner_kernel,
     inverse_coefficients_kernel,
     jacobian_coefficients_kernel,
     kernel,
-    log_kernel,
+    log_and_inverse_kernel,
     multiply_kernel,
     polynomial_derivative_kernel,
+    polynomial_product_kernel,
     relative_kernel,
-    row_major_kernel,
     se3_polynomial_kernel,
     stumpff_kernel,
 )
@@ -37,45 +37,49 @@ def local_state_kernel(T_i: Array, T_j: Array, v_j: Array) -> Array:
 
     They are xi = Log(T_i^-1 T_j) and w = Jr(xi)^-1 v_j.
     """
-    xi = log_kernel(relative_kernel(T_i, T_j))
-    inverse = se3_polynomial_kernel(xi, inverse_coefficients_kernel(xi, RIGHT))
-    local = np.zeros(12)
+    return local_of_relative_kernel(relative_kernel(T_i, T_j), v_j)[0]
+
+
+@inner_kernel
+def local_of_relative_kernel(T: Array, v_j: Array) -> tuple[Array, Array]:
+    """Compute the same of T = T_i^-1 T_j, and p and q (3, 2) of Jr(xi)^-1."""
+    xi, k = log_and_inverse_kernel(T)
+    for n in range(3):
+        k[n, 0] = -k[n, 0]  # of the right Jacobian
+    w = polynomial_product_kernel(xi, k, v_j)
+    local = np.empty(12)
     for i in range(6):
-        local[i] = xi[i]
-        for j in range(6):
-            local[6 + i] += inverse[i, j] * v_j[j]
-    return local
+        local[i], local[6 + i] = xi[i], w[i]
+    return local, k
 
 
 @inner_kernel
 def local_blocks_kernel(
-    local: Array, v_j: Array, higher: float
+    local: Array, k: Array, v_j: Array, higher: float
 ) -> tuple[Array, Array, Array, Array]:
     """Compute the Jacobians (6, 6) of xi and its rate: xi_i, xi_j, rate_i, rate_j.
 
-    Those with suffix _i are with respect to -T_i, those with suffix _j with respect to T_j. The
-    Jacobian of the rate with respect to v_j is xi_j. `higher` weights the terms beyond first order
-    in the Jacobian of Jr(xi)^-1 v_j = v_j + ad(xi) v_j / 2 + ...: EXACT, or FIRST_ORDER for the
-    paper's E_21 and E_23.
+    k are p and q (3, 2) of Jr(xi)^-1. Those with suffix _i are with respect to -T_i, those with
+    suffix _j with respect to T_j. The Jacobian of the rate with respect to v_j is xi_j. `higher`
+    weights the terms beyond first order in the Jacobian of Jr(xi)^-1 v_j = v_j + ad(xi) v_j / 2 +
+    ...: EXACT, or FIRST_ORDER for the paper's E_21 and E_23.
     """
-    k = inverse_coefficients_kernel(local, LEFT)
+    right = se3_polynomial_kernel(local, k)
+    for n in range(3):
+        k[n, 0] = -k[n, 0]
     left = se3_polynomial_kernel(local, k)
     for n in range(3):
         k[n, 0] = -k[n, 0]
-    right = se3_polynomial_kernel(local, k)
-    for n in range(3):
         k[n, 1] *= higher
     rate_by_xi = polynomial_derivative_kernel(local, k, v_j)
     return left, right, multiply_kernel(rate_by_xi, left), multiply_kernel(rate_by_xi, right)
 
 
 @inner_kernel
-def local_jacobian_kernel(local: Array, v_j: Array, higher: float) -> Array:
-    """Compute the Jacobian of the local variables with respect to T_i, v_i, T_j, v_j, (12, 24).
-
-    `higher` is like in `local_blocks_kernel`.
-    """
-    xi_i, xi_j, rate_i, rate_j = local_blocks_kernel(local, v_j, higher)
+def local_jacobian_kernel(local: Array, v_j: Array) -> Array:
+    """Compute the Jacobian of the local variables with respect to T_i, v_i, T_j, v_j, (12, 24)."""
+    k = inverse_coefficients_kernel(local, RIGHT)
+    xi_i, xi_j, rate_i, rate_j = local_blocks_kernel(local, k, v_j, EXACT)
     jacobian = np.zeros((12, 24))
     for i in range(6):
         for j in range(6):
@@ -85,6 +89,23 @@ def local_jacobian_kernel(local: Array, v_j: Array, higher: float) -> Array:
             jacobian[6 + i, 12 + j] = rate_j[i, j]
             jacobian[6 + i, 18 + j] = xi_j[i, j]
     return jacobian
+
+
+@kernel
+def wnoa_kernel(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: float) -> Array:
+    """Compute the Jacobian of the error (12, 24) and, as the last column, the error: (12, 25).
+
+    The Jacobian is with respect to T_i, v_i, T_j, v_j.
+    """
+    local = local_state_kernel(T_i, T_j, v_j)
+    result = np.zeros((12, 25))
+    copy_kernel(local_jacobian_kernel(local, v_j), result)
+    for i in range(6):
+        result[i, 24] = local[i] - dt * v_i[i]
+        result[6 + i, 24] = local[6 + i] - v_i[i]
+        result[i, 6 + i] = -dt
+        result[6 + i, 6 + i] = -1.0
+    return result
 
 
 @inner_kernel
@@ -121,12 +142,10 @@ def interpolated_local_kernel(v_i: Array, local_j: Array, weights: Array) -> Arr
 @inner_kernel
 def retract_kernel(T_i: Array, local: Array, T: Array, v: Array) -> None:
     """Write the pose T_i Exp(xi) and the twist Jr(xi) w of local variables (xi, w) around T_i."""
-    jacobian = se3_polynomial_kernel(local, jacobian_coefficients_kernel(local, RIGHT))
     compose_exp_kernel(T_i, local, T)
+    twist = polynomial_product_kernel(local, jacobian_coefficients_kernel(local, RIGHT), local[6:])
     for i in range(6):
-        v[i] = 0.0
-        for j in range(6):
-            v[i] += jacobian[i, j] * local[6 + j]
+        v[i] = twist[i]
 
 
 @inner_kernel
@@ -202,60 +221,3 @@ def _cross(
 ) -> tuple[float, float, float]:
     """Cross product."""
     return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
-
-
-@inner_kernel
-def retracted_jacobian_kernel(local: Array, by_local: Array) -> Array:
-    """Compute the Jacobian of the pose T_i Exp(xi) and the twist Jr(xi) w, (12, n).
-
-    `by_local` (12, n) is that of (xi, w), and the first six of the n columns are T_i's.
-    """
-    k = jacobian_coefficients_kernel(local, RIGHT)
-    jacobian = se3_polynomial_kernel(local, k)
-    twist_by_xi = polynomial_derivative_kernel(local, k, local[6:])
-    by_pose_i = backward_adjoint_kernel(local)
-    result = np.zeros((12, by_local.shape[1]))
-    for i in range(6):
-        for j in range(6):
-            result[i, j] = by_pose_i[i, j]
-        for k in range(6):
-            for j in range(by_local.shape[1]):
-                result[i, j] += jacobian[i, k] * by_local[k, j]
-                result[6 + i, j] += twist_by_xi[i, k] * by_local[k, j]
-                result[6 + i, j] += jacobian[i, k] * by_local[6 + k, j]
-    return result
-
-
-@kernel
-def state_between_kernel(
-    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: float, b: float, T: Array, v: Array
-) -> Array:
-    """Write the pose and the twist at the time a after state i and b before state j.
-
-    Returned is their Jacobian (12, 24) with respect to T_i, v_i, T_j, v_j.
-    """
-    T_i = row_major_kernel(T_i)
-    weights = hermite_weights(a, b)
-    local_j = local_state_kernel(T_i, row_major_kernel(T_j), v_j)
-    local = interpolated_local_kernel(v_i, local_j, weights)
-    retract_kernel(T_i, local, T, v)
-    by_states_j = local_jacobian_kernel(local_j, v_j, EXACT)
-    by_local = np.empty((12, 24))
-    for k in range(2):
-        for i in range(6):
-            for j in range(24):
-                by_local[6 * k + i, j] = (
-                    weights[1, k, 0] * by_states_j[i, j] + weights[1, k, 1] * by_states_j[6 + i, j]
-                )
-            by_local[6 * k + i, 6 + i] += weights[0, k, 1]
-    return retracted_jacobian_kernel(local, by_local)
-
-
-@kernel
-def extrapolated_jacobian_kernel(v: Array, dt: float) -> Array:
-    """Compute the Jacobian of the state dt seconds after (T, v) at constant twist, (12, 12)."""
-    local, by_local = np.empty(12), np.zeros((12, 12))
-    for i in range(6):
-        local[i], local[6 + i] = dt * v[i], v[i]
-        by_local[i, 6 + i], by_local[6 + i, 6 + i] = dt, 1.0
-    return retracted_jacobian_kernel(local, by_local)

@@ -143,6 +143,26 @@ def se3_polynomial_kernel(xi: Array, k: Array) -> Array:
 
 
 @inner_kernel
+def polynomial_product_kernel(xi: Array, k: Array, w: Array) -> Array:
+    """Compute (1 + p W + q W^2) w (6,) on dual numbers; names that start with d are dual parts."""
+    s = xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
+    ds = 2 * (xi[0] * xi[3] + xi[1] * xi[4] + xi[2] * xi[5])
+    dot = xi[0] * w[0] + xi[1] * w[1] + xi[2] * w[2]
+    ddot = xi[0] * w[3] + xi[1] * w[4] + xi[2] * w[5] + xi[3] * w[0] + xi[4] * w[1] + xi[5] * w[2]
+    p, q, dp, dq = k[0, 0], k[0, 1], ds * k[1, 0], ds * k[1, 1]
+    result = np.empty(6)
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        cross = xi[a] * w[b] - xi[b] * w[a]
+        dcross = xi[a] * w[3 + b] - xi[b] * w[3 + a] + xi[3 + a] * w[b] - xi[3 + b] * w[a]
+        square = xi[i] * dot - s * w[i]
+        dsquare = xi[i] * ddot + xi[3 + i] * dot - s * w[3 + i] - ds * w[i]
+        result[i] = w[i] + p * cross + q * square
+        result[3 + i] = w[3 + i] + p * dcross + dp * cross + q * dsquare + dq * square
+    return result
+
+
+@inner_kernel
 def polynomial_derivative_kernel(xi: Array, k: Array, w: Array) -> Array:
     """Compute the Jacobian of (1 + p W + q W^2) w with respect to xi at fixed w (6,), (6, 6).
 
@@ -223,12 +243,21 @@ def compose_exp_kernel(T_i: Array, xi: Array, T: Array) -> None:
 @inner_kernel
 def log_kernel(T: Array) -> Array:
     """Compute the twist (6,) of a transform, rotation angle at most pi."""
+    return log_and_inverse_kernel(T)[0]
+
+
+@inner_kernel
+def log_and_inverse_kernel(T: Array) -> tuple[Array, Array]:
+    """Compute the twist (6,) of a transform, and p and q (3, 2) of its inverse left Jacobian."""
     xi = np.zeros(6)
     _rotation_log(T, xi)
-    inverse = se3_polynomial_kernel(xi, inverse_coefficients_kernel(xi, LEFT))
-    for i in range(3):
-        xi[3 + i] = inverse[i, 0] * T[0, 3] + inverse[i, 1] * T[1, 3] + inverse[i, 2] * T[2, 3]
-    return xi
+    k = inverse_coefficients_kernel(xi, LEFT)
+    q, x, y, z, a, b, c = k[0, 1], xi[0], xi[1], xi[2], T[0, 3], T[1, 3], T[2, 3]
+    stay, along = 1 - q * (x * x + y * y + z * z), q * (x * a + y * b + z * c)
+    xi[3] = stay * a + along * x - 0.5 * (y * c - z * b)
+    xi[4] = stay * b + along * y - 0.5 * (z * a - x * c)
+    xi[5] = stay * c + along * z - 0.5 * (x * b - y * a)
+    return xi, k
 
 
 @inner_kernel
@@ -287,22 +316,11 @@ def multiply_kernel(A: Array, B: Array) -> Array:
 
 
 @inner_kernel
-def row_major_kernel(T: Array) -> Array:
-    """Copy a matrix (4, 4) from GTSAM's column-major to the kernels' row-major layout."""
-    rows = np.empty((4, 4))
-    for i in range(4):
-        for j in range(4):
-            rows[i, j] = T[i, j]
-    return rows
-
-
-@inner_kernel
-def copy_columns_kernel(A: Array, first: float, to: Array) -> None:
+def copy_columns_kernel(A: Array, first: int, to: Array) -> None:
     """Copy the columns from `first` on to a matrix with the same number of rows."""
-    start = int(first)
     for j in range(to.shape[1]):
         for i in range(to.shape[0]):
-            to[i, j] = A[i, start + j]
+            to[i, j] = A[i, first + j]
 
 
 @inner_kernel

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_array
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 from factors.lie import se3_adjoint, se3_inverse
 from factors.structureless.landmark_kernels import poses_between_kernel
 from factors.variables import POSE3, TWIST, Variable

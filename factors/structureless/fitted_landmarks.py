@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import checked_array
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 from factors.stereo import StereoCamera
 from factors.structureless.landmark_kernels import landmarks_kernel
 from factors.structureless.landmark_prior import LandmarkPrior

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels import Array, inner_kernel, kernel
+from factors.kernels.se3 import Array, inner_kernel, kernel
 from factors.structureless.bridge import Bridge
 from factors.structureless.prior_kernels import add_prior_products_kernel
 from factors.structureless.row_kernels import (

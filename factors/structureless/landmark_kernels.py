@@ -11,15 +11,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels import (
-    Array,
-    compose_exp_kernel,
+from factors.kernels.local_variables import (
     hermite_weights,
-    inner_kernel,
     interpolated_local_kernel,
-    kernel,
     local_state_kernel,
 )
+from factors.kernels.se3 import Array, compose_exp_kernel, inner_kernel, kernel
 from factors.structureless.robust_losses import loss_kernel
 
 Index = NDArray[np.int64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 from factors.structureless.prior_kernels import moved_rows_kernel
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import checked_array
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 from factors.linear_states import LinearStatesFactor
 from factors.structureless.fitted_landmarks import Fit
 from factors.structureless.joint_system import JointSystem, root_kernel

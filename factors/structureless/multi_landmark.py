@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import Pose, checked_finite_noise, checked_pose, power_spectral_density
 from factors.factor import Factor
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 from factors.stereo import Camera, StereoCamera, StereoMeasurements, as_camera, stereo_measurements
 from factors.structureless.bracketing_states import BracketingStates, checked_times
 from factors.structureless.bridge import Bridge

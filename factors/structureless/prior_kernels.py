@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.kernels import (
+from factors.kernels.se3 import (
     RIGHT,
     Array,
     inner_kernel,

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.kernels import (
-    EXACT,
-    RIGHT,
-    Array,
+from factors.kernels.local_variables import (
+    backward_adjoint_kernel,
     chain_rule_kernel,
     hermite_weights,
-    inner_kernel,
     interpolated_local_kernel,
-    jacobian_coefficients_kernel,
-    kernel,
     local_jacobian_kernel,
     local_state_kernel,
     retract_kernel,
+)
+from factors.kernels.se3 import (
+    RIGHT,
+    Array,
+    inner_kernel,
+    jacobian_coefficients_kernel,
+    kernel,
+    polynomial_derivative_kernel,
     se3_polynomial_kernel,
 )
-from factors.kernels.local_variables import backward_adjoint_kernel
-from factors.kernels.se3 import polynomial_derivative_kernel
 from factors.structureless.landmark_kernels import (
     Index,
     landmark_rows_kernel,
@@ -54,7 +55,7 @@ def measurement_rows_kernel(
     local_j, by_states_j = np.empty((len(T_states) - 1, 12)), np.empty((len(T_states) - 1, 12, 24))
     for i in range(len(local_j)):
         local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
-        by_states_j[i] = local_jacobian_kernel(local_j[i], v_states[i + 1], EXACT)
+        by_states_j[i] = local_jacobian_kernel(local_j[i], v_states[i + 1])
     result, by_landmark = np.empty((len(order), 3, 31)), np.empty((len(order), 3, 3))
     h, by_h, rows, chained = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.empty((3, 30))
     for m in range(len(order)):
@@ -235,7 +236,7 @@ def state_rows_kernel(
     T, v, by_local = np.zeros((count, 4, 4)), np.zeros((count, 6)), np.zeros((count, 12, 12))
     by_pose_i, by_states = np.zeros((count, 6, 6)), np.zeros((count, 12, 24))
     local_j = local_state_kernel(T_i, T_j, v_j)
-    by_states_j = local_jacobian_kernel(local_j, v_j, EXACT)
+    by_states_j = local_jacobian_kernel(local_j, v_j)
     for n in range(count):
         share = hermite_weights(a[n], b[n])
         local = interpolated_local_kernel(v_i, local_j, share) + deviation[n]

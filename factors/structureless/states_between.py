@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels import Array
+from factors.kernels.se3 import Array
 from factors.lie import se3_inverse, se3_log
 from factors.structureless.bridge import Bridge
 from factors.structureless.joint_system import JointSystem

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import checked_vector
-from factors.kernels import LEFT, jacobian_coefficients_kernel, kernel, se3_polynomial_kernel
+from factors.kernels.se3 import LEFT, jacobian_coefficients_kernel, kernel, se3_polynomial_kernel
 from factors.lie import se3_exp, se3_left_jacobian, skew
 from factors.stereo import StereoCamera
 from gpvo.config import McRansacConfig

@@ -26,8 +26,7 @@ from factors import (
     WnoaPriorFactor,
     interpolate,
 )
-from factors.interpolation import root_given_states
-from factors.kernels import state_between_kernel
+from factors.kernels.between import information_between_kernel, state_between_kernel
 from factors.lie import se3_exp
 from factors.wnoa import whitening
 
@@ -221,16 +220,18 @@ def test_covariance_given_both_states_to_60_digits(dt: float, share: float) -> N
     ends = (*state(values, 0), *state(values, 1))
     a = share * dt
     T, v, _ = interpolate(*ends, 0.0, dt, a)
-    root = root_given_states(ends, T, v, a, dt - a, whitening(QC))
+    t = np.array([a, dt - a])
+    information = information_between_kernel(*ends[:2], T, v, *ends[2:], t, whitening(QC))
     own = np.vstack(
         [
             whitened_prior(ends[:2], (T, v), a, QC)[:, 12:],
             whitened_prior((T, v), ends[2:], dt - a, QC)[:, :12],
         ]
     )
-    expected, sigmas = inverse_information(own), np.sqrt(np.diag(root @ root.T))
-    scale = np.outer(sigmas, sigmas)
-    np.testing.assert_allclose(root @ root.T / scale, expected / scale, rtol=0, atol=1e-10)
+    expected = inverse_information(own)
+    sigmas = np.sqrt(np.diag(expected))
+    found = np.linalg.inv(information * np.outer(sigmas, sigmas))
+    np.testing.assert_allclose(found, expected / np.outer(sigmas, sigmas), rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("robust", [False, True])
@@ -244,8 +245,11 @@ def test_the_noise_of_the_state_between_is_added(t: float, robust: bool) -> None
     error = plain.unwhitenedError(values)
     T, v, _ = interpolate(*state(values, 0), *state(values, 1), 0.0, DT, t)
     ends = (*state(values, 0), *state(values, 1))
-    root = T[:3, :3] @ root_given_states(ends, T, v, t, DT - t, whitening(qc))[3:6]
-    covariance = noise(3).covariance() + root @ root.T
+    covariance = noise(3).covariance()
+    if t not in (0.0, DT):
+        both = np.array([t, DT - t])
+        information = information_between_kernel(*ends[:2], T, v, *ends[2:], both, whitening(qc))
+        covariance += T[:3, :3] @ np.linalg.inv(information)[3:6, 3:6] @ T[:3, :3].T
     distance = np.sqrt(error @ np.linalg.solve(covariance, error))
     expected = loss.loss(distance) if robust else distance**2 / 2
     np.testing.assert_allclose(factor.error(values), expected, rtol=1e-10)

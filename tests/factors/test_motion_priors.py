@@ -31,7 +31,7 @@ from factors import (
     prior_square_root_information,
     to_dict,
 )
-from factors.kernels import local_motion_kernel, retract_motion_kernel, wnoj_kernel
+from factors.kernels.jerk import local_motion_kernel, retract_motion_kernel, wnoj_kernel
 from factors.lie import se3_exp
 
 Array = NDArray[np.float64]

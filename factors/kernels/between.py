@@ -1,0 +1,244 @@
+"""The state between two others, its Jacobian, and what a measurement there tells of both."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.kernels.local_variables import (
+    EXACT,
+    backward_adjoint_kernel,
+    hermite_weights,
+    interpolated_local_kernel,
+    local_blocks_kernel,
+    local_jacobian_kernel,
+    local_of_relative_kernel,
+    local_state_kernel,
+    retract_kernel,
+    wnoa_kernel,
+)
+from factors.kernels.outputs import Addresses, error_at, jacobian_at
+from factors.kernels.se3 import (
+    RIGHT,
+    Array,
+    inner_kernel,
+    jacobian_coefficients_kernel,
+    kernel,
+    log_kernel,
+    polynomial_derivative_kernel,
+    relative_kernel,
+    se3_polynomial_kernel,
+)
+
+Index = NDArray[np.int64]
+
+
+@inner_kernel
+def retracted_jacobian_kernel(local: Array, by_local: Array) -> Array:
+    """Compute the Jacobian of the pose T_i Exp(xi) and the twist Jr(xi) w, (12, n).
+
+    `by_local` (12, n) is that of (xi, w), and the first six of the n columns are T_i's.
+    """
+    k = jacobian_coefficients_kernel(local, RIGHT)
+    jacobian = se3_polynomial_kernel(local, k)
+    twist_by_xi = polynomial_derivative_kernel(local, k, local[6:])
+    by_pose_i = backward_adjoint_kernel(local)
+    result = np.zeros((12, by_local.shape[1]))
+    for i in range(6):
+        for j in range(6):
+            result[i, j] = by_pose_i[i, j]
+        for k in range(6):
+            for j in range(by_local.shape[1]):
+                result[i, j] += jacobian[i, k] * by_local[k, j]
+                result[6 + i, j] += twist_by_xi[i, k] * by_local[k, j]
+                result[6 + i, j] += jacobian[i, k] * by_local[6 + k, j]
+    return result
+
+
+@kernel
+def state_between_kernel(
+    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: float, b: float, T: Array, v: Array
+) -> Array:
+    """Write the pose and the twist at the time a after state i and b before state j.
+
+    Returned is their Jacobian (12, 24) with respect to T_i, v_i, T_j, v_j.
+    """
+    weights = hermite_weights(a, b)
+    local_j = local_state_kernel(T_i, T_j, v_j)
+    local = interpolated_local_kernel(v_i, local_j, weights)
+    retract_kernel(T_i, local, T, v)
+    by_states_j = local_jacobian_kernel(local_j, v_j)
+    by_local = np.empty((12, 24))
+    for k in range(2):
+        for i in range(6):
+            for j in range(24):
+                by_local[6 * k + i, j] = (
+                    weights[1, k, 0] * by_states_j[i, j] + weights[1, k, 1] * by_states_j[6 + i, j]
+                )
+            by_local[6 * k + i, 6 + i] += weights[0, k, 1]
+    return retracted_jacobian_kernel(local, by_local)
+
+
+@kernel
+def extrapolated_jacobian_kernel(v: Array, dt: float) -> Array:
+    """Compute the Jacobian of the state dt seconds after (T, v) at constant twist, (12, 12)."""
+    local, by_local = np.empty(12), np.zeros((12, 12))
+    for i in range(6):
+        local[i], local[6 + i] = dt * v[i], v[i]
+        by_local[i, 6 + i], by_local[6 + i, 6 + i] = dt, 1.0
+    return retracted_jacobian_kernel(local, by_local)
+
+
+@kernel
+def state_at_kernel(T_i: Array, v_i: Array, T_j: Array, v_j: Array, t: Array, found: Array) -> None:
+    """Write the state at the time t[0] after state i and t[1] before state j to `found` (24,).
+
+    That is the logarithm of the pose, the twist, and the first three rows of the pose.
+    """
+    T = np.empty((4, 4))
+    local_j = local_state_kernel(T_i, T_j, v_j)
+    local = interpolated_local_kernel(v_i, local_j, hermite_weights(t[0], t[1]))
+    retract_kernel(T_i, local, T, found[6:12])
+    xi = log_kernel(T)
+    for i in range(6):
+        found[i] = xi[i]
+    for i in range(3):
+        for j in range(4):
+            found[12 + 4 * i + j] = T[i, j]
+
+
+@kernel
+def chain_kernel(
+    T_i: Array,
+    v_i: Array,
+    T_j: Array,
+    v_j: Array,
+    t: Array,
+    system: Array,
+    places: Index,
+    outputs: Addresses,
+) -> None:
+    """Write the error (m,) of a system [J, -e] (m, n + 1), and its Jacobians (m, 6) by both ends.
+
+    `places` are the first columns in J of the pose and of the twist at t[0] after state i and t[1]
+    before state j, -1 if there is none.
+    """
+    m, last, pose, twist = len(system), system.shape[1] - 1, places[0], places[1]
+    error, by_T_i, by_v_i = (
+        error_at(outputs, m),
+        jacobian_at(outputs, 0, m, 6),
+        jacobian_at(outputs, 1, m, 6),
+    )
+    by_T_j, by_v_j = jacobian_at(outputs, 2, m, 6), jacobian_at(outputs, 3, m, 6)
+    share = hermite_weights(t[0], t[1])
+    local_j, inverse = local_of_relative_kernel(relative_kernel(T_i, T_j), v_j)
+    xi_i, xi_j, rate_i, rate_j = local_blocks_kernel(local_j, inverse, v_j, EXACT)
+    local = interpolated_local_kernel(v_i, local_j, share)
+    k = jacobian_coefficients_kernel(local, RIGHT)
+    jacobian, adjoint = se3_polynomial_kernel(local, k), backward_adjoint_kernel(local)
+    turning = polynomial_derivative_kernel(local, k, local[6:])
+    by_xi, by_rate = np.empty(6), np.empty(6)
+    for r in range(m):
+        error[r] = -system[r, last]
+        for j in range(6):
+            direct, x, w = 0.0, 0.0, 0.0
+            for n in range(6):
+                if pose >= 0:
+                    direct += system[r, pose + n] * adjoint[n, j]
+                    x += system[r, pose + n] * jacobian[n, j]
+                if twist >= 0:
+                    x += system[r, twist + n] * turning[n, j]
+                    w += system[r, twist + n] * jacobian[n, j]
+            by_T_i[r, j], by_v_i[r, j] = direct, share[0, 0, 1] * x + share[0, 1, 1] * w
+            by_xi[j] = share[1, 0, 0] * x + share[1, 1, 0] * w
+            by_rate[j] = share[1, 0, 1] * x + share[1, 1, 1] * w
+        for j in range(6):
+            by_T_j[r, j], by_v_j[r, j] = 0.0, 0.0
+            for n in range(6):
+                by_T_i[r, j] -= by_xi[n] * xi_i[n, j] + by_rate[n] * rate_i[n, j]
+                by_T_j[r, j] += by_xi[n] * xi_j[n, j] + by_rate[n] * rate_j[n, j]
+                by_v_j[r, j] += by_rate[n] * xi_j[n, j]
+
+
+@kernel
+def information_between_kernel(
+    T_i: Array, v_i: Array, T: Array, v: Array, T_j: Array, v_j: Array, t: Array, W: Array
+) -> Array:
+    """Compute the information (12, 12) on a state (T, v), given those t[0] before and t[1] after.
+
+    W (6, 6) is the lower triangular root of the inverse power spectral density.
+    """
+    before = wnoa_kernel(T_i, v_i, T, v, t[0])[:, 12:24]
+    after = wnoa_kernel(T, v, T_j, v_j, t[1])[:, :12]
+    information, line = np.zeros((12, 12)), np.empty((2, 12))
+    for dt, J in ((t[0], before), (t[1], after)):
+        a, b, c = np.sqrt(12 / dt**3), -np.sqrt(3 / dt), np.sqrt(1 / dt)
+        for i in range(6):
+            for j in range(12):
+                top, bottom = 0.0, 0.0
+                for k in range(i + 1):
+                    top += W[i, k] * J[k, j]
+                    bottom += W[i, k] * J[6 + k, j]
+                line[0, j], line[1, j] = a * top + b * bottom, c * bottom
+            for j in range(12):
+                for k in range(12):
+                    information[j, k] += line[0, j] * line[0, k] + line[1, j] * line[1, k]
+    return information
+
+
+@kernel
+def whiten_between_kernel(
+    T_i: Array,
+    v_i: Array,
+    T_j: Array,
+    v_j: Array,
+    t: Array,
+    W: Array,
+    covariance: Array,
+    places: Index,
+    found: Array,
+    system: Array,
+) -> None:
+    """Whiten a system (m, n + 1), see `chain_kernel`, in place.
+
+    Its covariance (m, m) is increased by that of the state between, given both ends.
+    """
+    m, T, v = len(system), found[12:].reshape(3, 4), found[6:12]
+    total = covariance.copy()
+    if t[0] > 0 and t[1] > 0:
+        root = information_between_kernel(T_i, v_i, T, v, T_j, v_j, t, W)
+        _factorize_kernel(root)
+        spread = np.zeros((12, m))
+        for half in range(2):
+            if places[half] >= 0:
+                for i in range(6):
+                    for r in range(m):
+                        spread[6 * half + i, r] = system[r, places[half] + i]
+        _solve_kernel(root, spread)
+        for i in range(m):
+            for j in range(m):
+                for k in range(12):
+                    total[i, j] += spread[k, i] * spread[k, j]
+    _factorize_kernel(total)
+    _solve_kernel(total, system)
+
+
+@inner_kernel
+def _factorize_kernel(A: Array) -> None:
+    """Replace the lower triangle of a positive definite matrix by that of its root L, LLᵀ = A."""
+    for i in range(len(A)):
+        for j in range(i + 1):
+            value = A[i, j]
+            for k in range(j):
+                value -= A[i, k] * A[j, k]
+            A[i, j] = np.sqrt(value) if i == j else value / A[j, j]
+
+
+@inner_kernel
+def _solve_kernel(L: Array, B: Array) -> None:
+    """Replace B by L⁻¹ B, of a lower triangular matrix."""
+    for j in range(B.shape[1]):
+        for i in range(len(L)):
+            for k in range(i):
+                B[i, j] -= L[i, k] * B[k, j]
+            B[i, j] /= L[i, i]
