@@ -165,7 +165,7 @@ def main(
     for table in tables:
         console.print(to_rich(table))
     for text in dict.fromkeys(machine_text(cost.machine) for cost in costs):
-        console.print(f"{text}; compilation and reading included", style="dim", highlight=False)
+        console.print(f"{text}; reading included, compiling not", style="dim", highlight=False)
     if options.output is not None:
         facts = {
             "configuration": configuration.model_dump(mode="json"),

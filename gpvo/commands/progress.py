@@ -25,7 +25,7 @@ def run_progress(
     )
     events, began = 0, time.perf_counter()
     with Progress(*columns, console=console) as bar:
-        task = bar.add_task("", total=stop - start, seconds=0.0, speed="compiling")
+        task = bar.add_task("", total=stop - start, seconds=0.0, speed="")
 
         def advance(report: ClusterReport) -> None:
             nonlocal events
@@ -48,7 +48,7 @@ def live_progress(
     began = time.perf_counter()
     columns = TextColumn("{task.fields[seconds]:.2f} s"), TextColumn("{task.fields[state]}")
     with Progress(*columns, console=console) as line:
-        task = line.add_task("", total=None, seconds=0.0, state="compiling")
+        task = line.add_task("", total=None, seconds=0.0, state="")
 
         def advance(report: ClusterReport) -> None:
             load, spent = session.load, time.perf_counter() - began

@@ -27,6 +27,7 @@ from gpvo.commands.live_trajectory import live_file
 from gpvo.commands.progress import run_progress
 from gpvo.commands.result import FILES, Result, evaluate_trajectory, save_trajectory
 from gpvo.config import Configuration
+from gpvo.evaluation.report.compilation import CompilationTimer
 from gpvo.evaluation.report.machine import machine_text
 from gpvo.evaluation.report.paper_tables import evaluation_tables
 from gpvo.evaluation.report.result_folder import make_folder
@@ -38,6 +39,7 @@ from gpvo.simulation import SimulationConfig, simulate
 from gpvo.trajectory import StampedPoses, Trajectory
 from gpvo.verdict import Verdict
 
+COMPILING = "compiling for this machine, which the first run does once and takes a minute or two"
 DEAD_RECKONING = 3
 """Exit status for a trajectory that is mostly dead reckoning."""
 
@@ -98,7 +100,7 @@ def run_and_write(
     """
     check_start(recording, start)
     folder = make_folder(folder, FILES)
-    meter = CostMeter()
+    meter = CostMeter(compilation=CompilationTimer(lambda: console.print(COMPILING)))
     odometry = Odometry(recording.rig, configuration, meter.stage)
     final_states = odometry.estimator.final_states
     live = live_file(folder / "trajectory.tum", final_states, lambda: recording.start_ns)

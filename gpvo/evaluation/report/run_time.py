@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from gpvo.errors import InputError
+from gpvo.evaluation.report.compilation import CompilationTimer
 from gpvo.evaluation.report.machine import machine
 from gpvo.evaluation.report.table import Cell, ResultTable
 
@@ -29,13 +30,16 @@ class Cost:
     recording_seconds, events
         Duration and events of both cameras that were processed.
     wall_seconds, cpu_seconds
-        Elapsed time, and processor time of all threads.
+        Elapsed time, and processor time of all threads, both without compiling.
     peak_memory_bytes
         Largest resident memory of the process since it started.
     stages
-        Elapsed seconds by stage.
+        Elapsed seconds by stage, with compiling. A cluster is tracked while the one before is
+        estimated, so that they may add up to more than the whole.
     machine
         Description of the machine, see `machine`; empty if unknown, or for several machines.
+    compile_seconds
+        Elapsed time spent on compiling, which the first run of an installation pays once.
     """
 
     recording_seconds: float
@@ -45,6 +49,7 @@ class Cost:
     peak_memory_bytes: int
     stages: dict[str, float] = field(default_factory=dict)
     machine: dict[str, Any] = field(default_factory=dict)
+    compile_seconds: float = 0.0
 
     @property
     def real_time_factor(self) -> float:
@@ -76,6 +81,7 @@ class CostMeter:
     """
 
     stages: dict[str, float] = field(default_factory=dict)
+    compilation: CompilationTimer = field(default_factory=CompilationTimer)
     _wall: float = field(default_factory=time.perf_counter)
     _cpu: float = field(default_factory=time.process_time)
 
@@ -89,13 +95,15 @@ class CostMeter:
             self.stages[name] = self.stages.get(name, 0.0) + time.perf_counter() - start
 
     def total(self, recording_seconds: float, events: int) -> Cost:
-        """Return the cost since the meter was made."""
+        """Return the cost since the meter was made, and stop it."""
+        compiling = self.compilation.stop()
         return Cost(
             recording_seconds=recording_seconds,
             events=events,
-            wall_seconds=time.perf_counter() - self._wall,
-            cpu_seconds=time.process_time() - self._cpu,
+            wall_seconds=time.perf_counter() - self._wall - compiling,
+            cpu_seconds=time.process_time() - self._cpu - compiling,
             peak_memory_bytes=peak_memory_bytes(),
+            compile_seconds=compiling,
             stages=dict(self.stages),
             machine=machine(),
         )
@@ -112,6 +120,7 @@ def total_cost(costs: Iterable[Cost]) -> Cost:
         wall_seconds=sum(cost.wall_seconds for cost in every),
         cpu_seconds=sum(cost.cpu_seconds for cost in every),
         peak_memory_bytes=max(cost.peak_memory_bytes for cost in every),
+        compile_seconds=sum(cost.compile_seconds for cost in every),
         stages={stage: sum(cost.stages.get(stage, 0.0) for cost in every) for stage in stages},
         machine=every[0].machine if alike else {},
     )
@@ -136,7 +145,8 @@ def read_cost(result: Path) -> Cost | None:
         return None
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
-        return Cost(**{one.name: values[one.name] for one in fields(Cost)})
+        names = [one.name for one in fields(Cost) if one.name in values]
+        return Cost(**{name: values[name] for name in names})
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is no cost that gpvo run wrote; remove it") from error
 
@@ -154,9 +164,10 @@ def cost_table(costs: Mapping[str, Cost], sequence: str = "") -> ResultTable:
     time.
     """
     stages = dict.fromkeys(stage for cost in costs.values() for stage in cost.stages)
-    labels = ["speed", "events per second", "CPU s per recorded s", "peak memory", *stages]
+    labels = ["speed", "events per second", "CPU s per recorded s", "peak memory", "compiling"]
     columns = [[*_totals(cost), *_stages(cost, stages)] for cost in costs.values()]
-    rows = [tuple(map(Cell, entries)) for entries in zip(labels, *columns, strict=True)]
+    every = [*labels, *stages]
+    rows = [tuple(map(Cell, entries)) for entries in zip(every, *columns, strict=True)]
     title = f"{sequence}: cost" if sequence else "Cost"
     return ResultTable(title, ("", *costs), tuple(rows), group=len(rows))
 
@@ -167,6 +178,7 @@ def _totals(cost: Cost) -> list[str]:
         f"{1e-6 * cost.events_per_second:.2f} M",
         f"{cost.cpu_seconds / cost.recording_seconds:.2f}",
         f"{cost.peak_memory_bytes / 2**20:.0f} MiB",
+        f"{cost.compile_seconds:.0f} s, not counted" if cost.compile_seconds else "none",
     ]
 
 

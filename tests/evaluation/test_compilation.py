@@ -1,0 +1,53 @@
+"""Compiling is timed once, whatever is nested in it, and what is compiled already costs nothing."""
+
+from __future__ import annotations
+
+import time
+
+from numba import njit
+
+from gpvo.evaluation.report.compilation import CompilationTimer
+from gpvo.evaluation.report.run_time import CostMeter
+
+
+def fresh() -> object:
+    """Return a function that is not compiled yet, and calls another one."""
+
+    @njit
+    def inner(x: float) -> float:
+        return x + 1
+
+    @njit
+    def outer(x: float) -> float:
+        return 2 * inner(x)
+
+    return outer
+
+
+def test_compiling_is_said_once_and_its_time_is_within_the_call() -> None:
+    said: list[str] = []
+    timer, call = CompilationTimer(lambda: said.append("compiling")), fresh()
+    begin = time.perf_counter()
+    assert call(1.0) == 4.0  # type: ignore[operator]
+    elapsed = time.perf_counter() - begin
+    assert said == ["compiling"]
+    assert 0.1 * elapsed < timer.seconds <= elapsed
+    first = timer.seconds
+    assert call(2.0) == 6.0  # type: ignore[operator]
+    assert timer.stop() == first
+
+
+def test_nothing_counts_after_the_end() -> None:
+    timer = CompilationTimer()
+    timer.stop()
+    fresh()(1.0)  # type: ignore[operator]
+    assert timer.seconds == 0.0
+
+
+def test_the_cost_of_a_run_is_without_compiling() -> None:
+    begin = time.perf_counter()
+    meter = CostMeter()
+    fresh()(1.0)  # type: ignore[operator]
+    cost = meter.total(1.0, 1)
+    assert cost.compile_seconds > 0
+    assert cost.wall_seconds + cost.compile_seconds <= time.perf_counter() - begin
