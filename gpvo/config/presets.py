@@ -61,6 +61,7 @@ PAPER: dict[str, Any] = {
 """Sections III and IV-A of the paper. Clusters are user-specified there: 0.1 s or 20 000 events."""
 
 PRESETS: dict[str, dict[str, Any]] = {"auto": AUTO, "paper": PAPER}
+"""Values of fields that differ from their own defaults, by the name of the preset and the stage."""
 
 
 def with_preset(values: Mapping[str, Any], preset: Mapping[str, Any]) -> dict[str, Any]:

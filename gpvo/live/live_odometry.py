@@ -21,7 +21,7 @@ class LiveOdometry:
     """Estimates the motion of a stereo event camera while its events come.
 
     >>> live = LiveOdometry(rig)
-    >>> live.push((x, y, t, polarity), (x, y, t, polarity))
+    >>> live.push(left, right)  # each (x, y, t, polarity), t in microseconds
     >>> live.latest().T_world_cam
     >>> trajectory = live.close()
 

@@ -1,0 +1,51 @@
+"""Every block of the documentation does what it says, in the order of its page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from commands import run
+from pages import PAGES, REPOSITORY, Block, blocks, name
+
+from gpvo import Configuration
+from gpvo.recordings import read_kalibr
+from gpvo.simulation import SimulationConfig
+
+WITH_BLOCKS = [page for page in PAGES if blocks(page)]
+
+
+@pytest.mark.parametrize("page", WITH_BLOCKS, ids=name)
+def test_blocks_of_a_page(page: Path, room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names: dict[str, Any] = {"__name__": "page"}
+    for block in blocks(page):
+        if block.language == "python":
+            lines_before = "\n" * block.line  # so that a failure shows its line
+            exec(compile(lines_before + block.text, page, "exec"), names)
+        elif block.language == "sh":
+            for command in block.commands:
+                run(command, monkeypatch)
+        else:
+            assert block.language == "yaml", f"{block.language} is not run: {block.text}"
+            check_yaml(block)
+
+
+def check_yaml(block: Block) -> None:
+    """Read a configuration, a calibration, or a simulation, of which a file is then made."""
+    content = yaml.safe_load(block.text)
+    if "cam0" in content:
+        Path("shown.yaml").write_text(block.text)
+        assert read_kalibr("shown.yaml").baseline > 0
+    elif block.text.startswith("# camera.yaml"):
+        SimulationConfig.model_validate(content)
+        Path("camera.yaml").write_text(block.text)
+    else:
+        Configuration.model_validate(content)
+
+
+def test_pages_that_matter_have_blocks() -> None:
+    found = {name(page) for page in WITH_BLOCKS}
+    assert {"README.md", "CONTRIBUTING.md", "docs/first_steps.md", "docs/smoother.md"} <= found
+    assert all(page.is_relative_to(REPOSITORY) for page in PAGES)
