@@ -40,6 +40,11 @@ COMMANDS = {
         "live",
         "Estimate the motion while events come; Ctrl-C ends it and writes the results.",
     ),
+    "view": Command(
+        "view",
+        "view",
+        "Show path, uncertainty, velocities, landmarks and ground truth of a finished run.",
+    ),
     "demo": Command(
         "run",
         "demo",

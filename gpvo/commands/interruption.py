@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import current_thread, main_thread
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C."""
+from gpvo.commands.cli import INTERRUPTED
 
 
 class Interruption:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import closing, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -20,11 +21,12 @@ from gpvo.commands.inputs import (
     configured,
     console,
 )
-from gpvo.commands.interruption import INTERRUPTED, end_at_ctrl_c
+from gpvo.commands.interruption import end_at_ctrl_c
 from gpvo.commands.live_trajectory import live_file
 from gpvo.commands.progress import live_progress
 from gpvo.commands.result import FILES
 from gpvo.commands.run import write_results
+from gpvo.commands.watch import Save, View, Watch
 from gpvo.errors import InputError
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import CostMeter
@@ -49,6 +51,8 @@ def live(
     seed: Seed = None,
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
+    view: View = False,
+    save: Save = None,
 ) -> None:
     """Estimate the motion while events come; Ctrl-C ends it and writes the results.
 
@@ -62,24 +66,16 @@ def live(
     with console.status("getting ready"):
         warm_up(configuration)
     meter = CostMeter()
-    odometry = LiveOdometry(rig, configuration, stage=meter.stage)
-    session = LiveSession(odometry, rig, events, recorder)
-    final_states = odometry.odometry.estimator.final_states
-    file = live_file(folder / "trajectory.tum", final_states, lambda: odometry.start_ns or 0)
-    with live_progress(console, session) as show, file as append_final:
-
-        def advance(report: ClusterReport) -> None:
-            show(report)
-            append_final()
-            if report.stop - odometry.reports[0].start >= span[1]:
-                events.close()
-
-        with (
-            end_at_ctrl_c(events.close) as interruption,
-            closing(recorder) if recorder else nullcontext(),
-        ):
-            session.run(advance)
-            trajectory = odometry.close()
+    with ExitStack() as opened:
+        observer = opened.enter_context(Watch(view, save).observer(meter.stages))
+        odometry = LiveOdometry(rig, configuration, observer, stage=meter.stage)
+        session = LiveSession(odometry, rig, events, recorder)
+        advance = opened.enter_context(_shown(session, folder, span[1]))
+        interruption = opened.enter_context(end_at_ctrl_c(events.close))
+        if recorder is not None:
+            opened.callback(recorder.close)
+        session.run(advance)
+        trajectory = odometry.close()
     if trajectory is None and interruption.happened:
         raise typer.Exit(INTERRUPTED)
     if trajectory is None:
@@ -89,6 +85,25 @@ def live(
     _say(session)
     if interruption.happened:
         raise typer.Exit(INTERRUPTED)
+
+
+@contextmanager
+def _shown(
+    session: LiveSession, folder: Path, duration: float
+) -> Iterator[Callable[[ClusterReport], None]]:
+    """Show every cluster and append to the trajectory's file; end after `duration` seconds."""
+    live = session.live
+    final_states = live.odometry.estimator.final_states
+    file = live_file(folder / "trajectory.tum", final_states, lambda: live.start_ns or 0)
+    with live_progress(console, session) as show, file as append_final:
+
+        def advance(report: ClusterReport) -> None:
+            show(report)
+            append_final()
+            if report.stop - live.reports[0].start >= duration:
+                session.end()
+
+        yield advance
 
 
 def _opened(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -26,6 +27,7 @@ from gpvo.commands.inputs import (
 from gpvo.commands.live_trajectory import live_file
 from gpvo.commands.progress import run_progress
 from gpvo.commands.result import FILES, Result, evaluate_trajectory, save_trajectory
+from gpvo.commands.watch import Save, View, Watch
 from gpvo.config import Configuration
 from gpvo.evaluation.report.compilation import CompilationTimer
 from gpvo.evaluation.report.machine import machine_text
@@ -55,6 +57,8 @@ def run(
     seed: Seed = None,
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
+    view: View = False,
+    save: Save = None,
 ) -> None:
     """Estimate the motion of a recording; write trajectory, metrics and plots.
 
@@ -65,7 +69,7 @@ def run(
     truth = load_ground_truth(ground_truth, opened, calibration) if ground_truth else None
     span = (start, np.inf if duration is None else duration)
     folder = output or Path("results") / recording.stem
-    judged = run_and_write(opened, configuration, folder, truth, console, *span)
+    judged = run_and_write(opened, configuration, folder, truth, console, *span, Watch(view, save))
     if judged.word == "failed":
         raise typer.Exit(DEAD_RECKONING)
 
@@ -88,6 +92,7 @@ def run_and_write(
     console: Console,
     start: float = 0.0,
     duration: float = np.inf,
+    watch: Watch = NO_WATCH,
 ) -> Verdict:
     """Estimate the motion from `start` for `duration` seconds and write a result folder.
 
@@ -100,19 +105,41 @@ def run_and_write(
     """
     check_start(recording, start)
     folder = make_folder(folder, FILES)
+<<<<<<< HEAD
     meter = CostMeter(compilation=CompilationTimer(lambda: console.print(COMPILING)))
     odometry = Odometry(recording.rig, configuration, meter.stage)
     final_states = odometry.estimator.final_states
     live = live_file(folder / "trajectory.tum", final_states, lambda: recording.start_ns)
+=======
+    meter = CostMeter()
+>>>>>>> c9c805a (Viewer and map: what a run sees and finds, by an observer that is a no-op by default)
     stop = min(start + duration, recording.duration)
-    with run_progress(console, start, stop) as show, live as append_final:
+    with (
+        watch.observer(meter.stages, truth, recording.start_ns) as observer,
+        run_progress(console, start, stop) as show,
+    ):
+        odometry = Odometry(recording.rig, configuration, meter.stage, observer=observer)
+        trajectory = _estimate(odometry, recording, folder, (start, duration), show)
+    return write_results(folder, odometry, trajectory, truth, meter, console)
+
+
+def _estimate(
+    odometry: Odometry,
+    recording: Recording,
+    folder: Path,
+    span: tuple[float, float],
+    show: Callable[[ClusterReport], None],
+) -> Trajectory:
+    """Run the odometry while the file of the trajectory grows."""
+    final_states = odometry.estimator.final_states
+    file = live_file(folder / "trajectory.tum", final_states, lambda: recording.start_ns)
+    with file as append_final:
 
         def advance(report: ClusterReport) -> None:
             show(report)
             append_final()
 
-        trajectory = odometry.run(recording, start, duration, advance)
-    return write_results(folder, odometry, trajectory, truth, meter, console)
+        return odometry.run(recording, *span, advance)
 
 
 def write_results(

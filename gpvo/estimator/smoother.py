@@ -229,6 +229,7 @@ class FixedLagSmoother:
         with one_blas_thread():
             covariance = self._covariance()[-12:, -12:].copy()
         T, first = self._keys.T_world_cam[-1], self._final[0] if self._final else self._keys
+        covariance[:6, :6] += self._segments.pose_covariance(T[None])[0]
         return MotionEstimate(
             float(self._keys.t[-1]),
             T if self._has_world else se3_inverse(first.T_world_cam[0]) @ T,

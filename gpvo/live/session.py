@@ -115,6 +115,7 @@ class LiveSession:
         self.live, self.latency, self.load = live, Latency(), Load()
         self._repair, self._record = Repair(rig), record
         self._source, self._missing = source, False
+        self._to_estimate: list[float] = []
 
     @property
     def faults(self) -> dict[str, int]:
@@ -130,6 +131,10 @@ class LiveSession:
                     self._process(packet, progress)
         finally:
             intake.close()
+
+    def end(self) -> None:
+        """End the source, so that `run` ends."""
+        self._source.close()
 
     def _has_time(self, packet: Packet, intake: Intake) -> bool:
         """Shed more or less, by how long a packet has waited; if too long it and all that waits."""
@@ -165,8 +170,13 @@ class LiveSession:
         self, reports: list[ClusterReport], progress: Callable[[ClusterReport], None]
     ) -> None:
         now, start_ns = time.perf_counter(), self.live.start_ns or 0
+        self._to_estimate += [report.stop for report in reports]
+        latest = self.live.latest()
+        # Short clusters are estimated together.
+        while self._to_estimate and latest is not None and self._to_estimate[0] <= latest.t:
+            stop = self._to_estimate.pop(0)
+            self.latency.estimated(start_ns + round(stop * 1e9), now)
         for report in reports:
-            self.latency.estimated(start_ns + round(report.stop * 1e9), now)
             progress(report)
 
 

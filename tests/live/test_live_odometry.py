@@ -90,6 +90,18 @@ def test_latest_is_the_end_of_the_trajectory_so_far(method: str) -> None:
     assert compared > 3
 
 
+def test_latest_after_a_break_is_uncertain_by_the_break_too() -> None:
+    live = LiveOdometry(room().rig, CONFIG)
+    for start, shift_us in ((0.0, 0), (0.2, 3_000_000)):
+        sides = (raw(side.between(start, start + 0.2)) for side in (room().left, room().right))
+        live.push(*((x, y, t + shift_us, polarity) for x, y, t, polarity in sides))
+        live.interrupted()
+    latest, trajectory = live.latest(), live.close()
+    covariance = trajectory.covariance(latest.t)
+    np.testing.assert_allclose(latest.covariance, covariance, rtol=1e-6, atol=1e-15)
+    assert np.sqrt(covariance[3:6, 3:6].max()) > 0.02
+
+
 def test_a_silent_camera_is_not_waited_for_and_late_events_are_counted(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

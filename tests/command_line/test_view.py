@@ -1,0 +1,59 @@
+"""The viewer's file, read back, of a run and of its results."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from run_files import RecordingFiles
+
+COMMAND = [sys.executable, "-c", "from gpvo.commands.cli import main; main()"]
+MOTION = {
+    f"{kind}_velocity/{axis}{band}"
+    for kind in ("linear", "angular")
+    for axis in "xyz"
+    for band in ("", "_band")
+} | {f"world/{name}" for name in ("path", "uncertainty", "camera", "camera/axes", "ground_truth")}
+SEEN = (
+    {f"{side}/{name}" for side in ("left", "right") for name in ("events", "tracks", "heads")}
+    | {"tracklets/tracklets", "tracklets/inliers", "world/landmarks"}
+    | {f"stages/{name}" for name in ("tracking", "estimation", "events_and_clustering")}
+)
+
+
+def entities(file: Path) -> dict[str, int]:
+    """Return the number of rows of each entity of a viewer's file."""
+    command = [sys.executable, "-m", "rerun", "rrd", "print", str(file)]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    rows: dict[str, int] = {}
+    for count, path in re.findall(r"with (\d+) rows.*?- /?([a-z_/]+)", printed):
+        rows[path] = rows.get(path, 0) + int(count)
+    return rows
+
+
+def test_the_file_holds_what_the_run_saw_and_found(
+    recording: RecordingFiles, tmp_path: Path
+) -> None:
+    pytest.importorskip("rerun")
+    file, output = tmp_path / "run.rrd", tmp_path / "out"
+    run = [*COMMAND, *recording.arguments(output), "--save", str(file)]
+    assert subprocess.run(run, capture_output=True).returncode == 0
+    rows = entities(file)
+    assert set(rows) >= MOTION | SEEN
+    static = 1  # how the curve is drawn
+    assert rows["left/events"] == rows["tracklets/inliers"] - static > 5
+
+    again = tmp_path / "again.rrd"
+    view = [*COMMAND, "view", str(output), "--save", str(again)]
+    assert subprocess.run(view, capture_output=True).returncode == 0
+    assert set(entities(again)) >= MOTION
+
+
+def test_what_is_no_result_is_one_line(tmp_path: Path) -> None:
+    command = [*COMMAND, "view", str(tmp_path / "nothing")]
+    ended = subprocess.run(command, capture_output=True, text=True)
+    assert ended.returncode == 2 and ended.stderr.count("\n") == 1
+    assert "is no result folder" in ended.stderr
