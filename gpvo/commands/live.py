@@ -11,6 +11,7 @@ import numpy as np
 import typer
 
 from gpvo.cluster_report import ClusterReport
+from gpvo.commands.cli import INTERRUPTED
 from gpvo.commands.inputs import (
     Calibration,
     Config,

@@ -58,12 +58,12 @@ class Intake:
             raise self._failure
         return None
 
-    def discard(self) -> int:
-        """Throw away what waits; return its number of events."""
+    def take_all(self) -> list[Packet]:
+        """Return all packets that wait."""
         with self._changed:
-            events = sum(map(len, self._waiting))
+            packets = list(self._waiting)
             self._waiting.clear()
-        return events
+        return packets
 
     def close(self) -> None:
         """End the source and its thread."""
@@ -77,7 +77,7 @@ class Intake:
                     self._waiting.append(packet)
                     self._changed.notify()
                 if sum(map(len, self._waiting)) > MOST_WAITING:
-                    self.discarded += self.discard()
+                    self.discarded += sum(map(len, self.take_all()))
         except BaseException as error:
             self._failure = error
         with self._changed:
@@ -127,8 +127,11 @@ class LiveSession:
         intake = Intake(self._source)
         try:
             while (packet := intake.take()) is not None:
-                if self._has_time(packet, intake):
-                    self._process(packet, progress)
+                if self._has_time(packet):
+                    self._process(*self._received(packet), packet.arrival, progress)
+                else:
+                    self._discard([packet, *intake.take_all()])
+            self.load.discarded += intake.discarded
         finally:
             intake.close()
 
@@ -136,8 +139,8 @@ class LiveSession:
         """End the source, so that `run` ends."""
         self._source.close()
 
-    def _has_time(self, packet: Packet, intake: Intake) -> bool:
-        """Shed more or less, by how long a packet has waited; if too long it and all that waits."""
+    def _has_time(self, packet: Packet) -> bool:
+        """Shed more or less, by how long a packet has waited; False if it was too long."""
         now = time.perf_counter()
         age, was_full = now - packet.arrival, self.load.is_full
         self.load.update(age, now)
@@ -146,23 +149,36 @@ class LiveSession:
         elif self.load.is_full and not was_full:
             log.warning("keeping up again: nothing is left out")
         self.live.odometry.limit_features(self.load.level.features)
-        if age <= LONGEST:
-            return True
-        self.load.discarded += len(packet) + intake.discard()
-        self._missing = True
-        return False
+        return age <= LONGEST
 
-    def _process(self, packet: Packet, progress: Callable[[ClusterReport], None]) -> None:
+    def _received(self, packet: Packet) -> tuple[EventBlock, EventBlock]:
+        """Repair a packet's events and keep them."""
         left, right, is_gap = self._repair(packet)
+        self._missing |= is_gap
         if self._record is not None:
             self._record(left, right)
-        if is_gap or self._missing:
+        return left, right
+
+    def _discard(self, packets: list[Packet]) -> None:
+        """Keep the events, but estimate nothing of them."""
+        for packet in packets:
+            self.load.discarded += sum(map(len, self._received(packet)))
+        self._missing = True
+
+    def _process(
+        self,
+        left: EventBlock,
+        right: EventBlock,
+        arrival: float,
+        progress: Callable[[ClusterReport], None],
+    ) -> None:
+        if self._missing:
             self._show(self.live.interrupted(), progress)
             self._missing = False
         if len(left) + len(right) == 0:
             return
         first = min(int(block.t_ns[0]) for block in (left, right) if len(block))
-        self.latency.arrived(first, packet.arrival)
+        self.latency.arrived(first, arrival)
         sides = raw(self.load.thin(left)), raw(self.load.thin(right))
         self._show(self.live.push(*sides), progress)
 

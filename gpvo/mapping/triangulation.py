@@ -55,7 +55,7 @@ def triangulate(
     fitted = LandmarkMap(
         number,
         position,
-        np.linalg.inv(H),
+        np.asarray(np.linalg.inv(H), np.float64),
         count,
         known.t[first],
         known.t[last],
@@ -101,7 +101,8 @@ def _system(
     points[:, 2] = np.maximum(depth, 1e-3)
     predicted, J = camera.project_with_jacobian(points)
     residual, J = predicted - known.stereo, J @ R
-    chi2 = np.bincount(of, (residual**2 * weights).sum(axis=1), len(position))
+    chi2 = np.zeros(len(position))
+    np.add.at(chi2, of, (residual**2 * weights).sum(axis=1))
     H, g = np.zeros((len(position), 3, 3)), np.zeros((len(position), 3))
     np.add.at(H, of, np.einsum("nki,k,nkj->nij", J, weights, J))
     np.add.at(g, of, np.einsum("nki,k,nk->ni", J, weights, residual))
