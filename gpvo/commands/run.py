@@ -42,6 +42,7 @@ from gpvo.trajectory import StampedPoses, Trajectory
 from gpvo.verdict import Verdict
 
 COMPILING = "compiling for this machine, which the first run does once and takes a minute or two"
+NO_WATCH = Watch()
 DEAD_RECKONING = 3
 """Exit status for a trajectory that is mostly dead reckoning."""
 
@@ -105,14 +106,7 @@ def run_and_write(
     """
     check_start(recording, start)
     folder = make_folder(folder, FILES)
-<<<<<<< HEAD
     meter = CostMeter(compilation=CompilationTimer(lambda: console.print(COMPILING)))
-    odometry = Odometry(recording.rig, configuration, meter.stage)
-    final_states = odometry.estimator.final_states
-    live = live_file(folder / "trajectory.tum", final_states, lambda: recording.start_ns)
-=======
-    meter = CostMeter()
->>>>>>> c9c805a (Viewer and map: what a run sees and finds, by an observer that is a no-op by default)
     stop = min(start + duration, recording.duration)
     with (
         watch.observer(meter.stages, truth, recording.start_ns) as observer,
