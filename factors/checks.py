@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import index
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -19,9 +21,39 @@ _ORTHONORMAL = 1e-5
 """Largest error of RᵀR: much for rounding in single precision, little for an estimate."""
 
 
+def checked_numbers(name: str, numbers: Any) -> Array:
+    """Return a contiguous array of real numbers."""
+    try:
+        found = np.asarray(numbers)
+    except ValueError:  # lists of different lengths
+        found = np.empty(0, object)
+    if found.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must be real numbers, not {type(numbers).__name__}")
+    return np.asarray(found, np.float64, order="C")
+
+
+def checked_number(name: str, number: float) -> float:
+    """Return a finite number."""
+    found = checked_numbers(name, number)
+    if found.ndim or not np.isfinite(found):
+        raise ValueError(f"{name} must be a finite number, not {number}")
+    return float(found)
+
+
+def checked_key(name: str, key: int) -> int:
+    """Return a key of GTSAM's, an integer."""
+    try:
+        found = index(key)
+    except TypeError:
+        raise ValueError(f"{name} must be a key, an integer, not {key!r}") from None
+    if not 0 <= found < 2**64:
+        raise ValueError(f"{name} must be a key from 0 to 2^64 - 1, not {key}")
+    return found
+
+
 def checked_array(name: str, array: ArrayLike, element: tuple[int, ...]) -> Array:
     """Return a contiguous array of finite numbers whose last axes have the shape `element`."""
-    checked = np.asarray(array, np.float64, order="C")
+    checked = checked_numbers(name, array)
     batch = checked.ndim - len(element)
     if batch < 0 or checked.shape[batch:] != element:
         expected = ", ".join(["...", *map(str, element)])
@@ -32,11 +64,11 @@ def checked_array(name: str, array: ArrayLike, element: tuple[int, ...]) -> Arra
 
 
 def checked_vector(name: str, vector: ArrayLike, size: int) -> Array:
-    """Return a vector of finite numbers, (size,)."""
+    """Return a vector of finite numbers, (size,), that its owner cannot change any more."""
     checked = checked_array(name, vector, (size,))
     if checked.ndim != 1:
         raise ValueError(f"{name} must have the shape ({size},), not {checked.shape}")
-    return checked
+    return checked.copy()
 
 
 def checked_poses(name: str, T: Poses) -> Array:
@@ -52,11 +84,11 @@ def checked_poses(name: str, T: Poses) -> Array:
 
 
 def checked_pose(name: str, T: Pose) -> Array:
-    """Return a transform (4, 4), a rotation and a translation."""
+    """Return a transform (4, 4), a rotation and a translation, likewise its own."""
     transform = checked_poses(name, T)
     if transform.ndim != 2:
         raise ValueError(f"{name} must have the shape (4, 4), not {transform.shape}")
-    return transform
+    return transform.copy()
 
 
 @kernel
@@ -81,9 +113,10 @@ def _are_poses(T: Array) -> bool:
 
 def checked_duration(dt: float) -> float:
     """Return a finite and positive duration in seconds."""
-    if not (np.isfinite(dt) and dt > 0):
+    seconds = checked_number("dt", dt)
+    if seconds <= 0:
         raise ValueError(f"dt must be positive seconds, not {dt}")
-    return float(dt)
+    return seconds
 
 
 def power_spectral_density(qc: ArrayLike, n: int = 6) -> Array:
@@ -95,8 +128,8 @@ def power_spectral_density(qc: ArrayLike, n: int = 6) -> Array:
         If the shape is another one, a number is not finite, or the matrix is not symmetric and
         positive definite.
     """
-    array = np.asarray(qc, np.float64)
-    if array.shape not in ((n,), (n, n)) or not np.isfinite(array).all():
+    array = checked_numbers("qc", qc)
+    if not n or array.shape not in ((n,), (n, n)) or not np.isfinite(array).all():
         raise ValueError(f"qc must be {n} or {n} x {n} finite numbers, not {array}")
     matrix = np.diag(array) if array.ndim == 1 else array
     if not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
@@ -108,11 +141,10 @@ def power_spectral_density(qc: ArrayLike, n: int = 6) -> Array:
 
 def checked_noise(model: object, dimension: int) -> None:
     """Check that a noise model has the dimension of the measurement."""
-    actual = getattr(model, "dim", None)
-    if actual is None:
+    if not isinstance(model, gtsam.noiseModel.Base):
         raise ValueError(f"model must be a GTSAM noise model, not {type(model).__name__}")
-    if actual() != dimension:
-        raise ValueError(f"model must have the dimension {dimension}, not {actual()}")
+    if model.dim() != dimension:
+        raise ValueError(f"model must have the dimension {dimension}, not {model.dim()}")
 
 
 def checked_finite_noise(model: object, dimension: int) -> None:

@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import checked_duration, checked_noise, checked_vector
+from factors.checks import checked_duration, checked_key, checked_noise, checked_vector
 from factors.factor import Factor
 from factors.kernels.se3 import (
     RIGHT,
@@ -70,6 +70,7 @@ class EuclideanVelocityFactor(Factor):
         dt: float,
     ) -> None:
         checked_noise(model, 3)
+        velocity = checked_key("velocity", velocity)
         start, dt = checked_vector("point", point, 3), checked_duration(dt)
         end = checked_vector("measured", measured, 3)
         offset, by_velocity = start - end, dt * np.hstack([skew(start), -np.eye(3)])
@@ -80,7 +81,12 @@ class EuclideanVelocityFactor(Factor):
                 jacobians[0] = by_velocity
             return difference
 
-        made_of = {"measured": end, "model": model, "velocity": int(velocity), "point": start}
+        made_of = {
+            "measured": end,
+            "model": model,
+            "velocity": velocity,
+            "point": start,
+        }
         variables = [Variable("velocity", velocity, TWIST)]
         super().__init__(model, variables, error, {**made_of, "dt": dt})
 
@@ -145,6 +151,7 @@ class ReprojectionVelocityFactor(Factor):
         camera: Camera,
     ) -> None:
         measurement, noise = stereo_measurement(measured, model)
+        velocity = checked_key("velocity", velocity)
         start, dt = checked_vector("point", point, 3), checked_duration(dt)
         if start[2] <= 0:
             raise ValueError(f"point must be in front of the camera, not {start}")
@@ -158,7 +165,11 @@ class ReprojectionVelocityFactor(Factor):
                 jacobians[0] = result[:, :6]
             return result[:, 6]
 
-        made_of = {"measured": measurement, "model": noise, "velocity": int(velocity)}
+        made_of = {
+            "measured": measurement,
+            "model": noise,
+            "velocity": velocity,
+        }
         variables = [Variable("velocity", velocity, TWIST)]
         arguments = {**made_of, "point": start, "dt": dt, "camera": camera}
         super().__init__(noise, variables, error, arguments)

@@ -97,9 +97,10 @@ class Factor(Described, gtsam.CustomFactor):
 
     Notes
     -----
-    GTSAM's own `clone`, serialisation, `NonlinearFactorGraph.equals` and the GNC optimisers know
-    nothing of factors written in Python. Instead of these: `copy.copy` and `pickle` of a factor,
-    `to_dict` and `from_dict` of a graph, `equals` of a factor, and a robust noise model.
+    GTSAM knows nothing of factors written in Python: its `clone`, `rekey`, serialisation and GNC
+    optimisers raise a RuntimeError, and its `NonlinearFactorGraph.equals` compares keys and noise
+    alone. Instead of these: `copy.copy` and `pickle` of a factor, `to_dict` and `from_dict` of a
+    graph, `equals` of a factor, and a robust noise model.
     """
 
     def __init__(

@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import Pose, checked_noise, checked_pose, checked_vector
+from factors.checks import Pose, checked_key, checked_noise, checked_pose, checked_vector
 from factors.factor import Factor
 from factors.inner_factor import inner_of
 from factors.jacobian_blocks import JacobianBlocks, Jacobians
@@ -57,6 +57,7 @@ class GyroFactor(Factor):
     ) -> None:
         checked_noise(model, 3)
         rate = checked_vector("measured", measured, 3)
+        velocity, bias = checked_key("velocity", velocity), checked_key("bias", bias)
         T = None if T_body_imu is None else checked_pose("T_body_imu", T_body_imu)
         R_imu_body = np.eye(3) if T is None else T[:3, :3].T
         by_velocity = np.hstack([R_imu_body, np.zeros((3, 3))])
@@ -71,10 +72,10 @@ class GyroFactor(Factor):
             return turned + values.atConstantBias(bias).gyroscope() - rate
 
         variables = [
-            Variable("velocity", int(velocity), TWIST),
-            Variable("bias", int(bias), BIAS),
+            Variable("velocity", velocity, TWIST),
+            Variable("bias", bias, BIAS),
         ]
-        made_of = {"measured": rate, "model": model, "velocity": int(velocity), "bias": int(bias)}
+        made_of = {"measured": rate, "model": model, "velocity": velocity, "bias": bias}
         super().__init__(model, variables, error, {**made_of, "T_body_imu": T})
 
 
@@ -113,6 +114,10 @@ class ImuFactor(Factor):
         bias: int,
     ) -> None:
         states = as_state("state_i", state_i), as_state("state_j", state_j)
+        bias = checked_key("bias", bias)
+        if not isinstance(preintegrated, gtsam.PreintegratedImuMeasurements):
+            kind = type(preintegrated).__name__
+            raise ValueError(f"preintegrated must be PreintegratedImuMeasurements, not {kind}")
         duration = states[1][2] - states[0][2]
         if not abs(preintegrated.deltaTij() - duration) <= 1e-6 + 1e-9 * abs(duration):
             raise ValueError(
@@ -149,10 +154,10 @@ class ImuFactor(Factor):
             Variable("velocity_i", velocity_i, TWIST),
             Variable("pose_j", pose_j, POSE3),
             Variable("velocity_j", velocity_j, TWIST),
-            Variable("bias", int(bias), BIAS),
+            Variable("bias", bias, BIAS),
         ]
         made_of = {"preintegrated": preintegrated, "state_i": states[0], "state_j": states[1]}
-        super().__init__(inner.model, variables, error, {**made_of, "bias": int(bias)})
+        super().__init__(inner.model, variables, error, {**made_of, "bias": bias})
 
 
 @kernel

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import gtsam
 import numpy as np
 
+from factors.checks import checked_key
 from factors.factor import Evaluate, Factor, original
 from factors.kernels.se3 import Array
 from factors.variables import Kind
@@ -58,7 +59,7 @@ class Inner:
     system: Callable[[gtsam.Values], Array]
 
     def __init__(self, model: gtsam.noiseModel.Base, keys: Sequence[int]) -> None:
-        self.model, self.keys = model, [int(key) for key in keys]
+        self.model, self.keys = model, [checked_key("inner", key) for key in keys]
         self.columns: list[slice] = []
         self._sizes: list[int] = []
 

@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import checked_finite_noise
+from factors.checks import checked_finite_noise, checked_key
 from factors.factor import Factor
 from factors.inner_factor import ANY, CopiedValue, Inner, InnerFactor, inner_of
 from factors.jacobian_blocks import Jacobians, blocks_of
@@ -78,8 +78,14 @@ class InterpolatedFactor(Factor):
         states = as_state("state_i", state_i), as_state("state_j", state_j)
         t = checked_time_between(t, *states)
         held = inner_of(inner)
+        pose, velocity = (
+            None if key is None else checked_key(role, key)
+            for role, key in (("pose", pose), ("velocity", velocity))
+        )
         if pose is None and held.keys[0] != velocity:
             pose = held.keys[0]
+        if pose is not None and pose == velocity:
+            raise ValueError("pose and velocity must be different keys of the inner factor")
         for role, key in (("pose", pose), ("velocity", velocity)):
             if key is not None and key not in held.keys:
                 raise ValueError(f"{role} must be a key of the inner factor, not {key}")

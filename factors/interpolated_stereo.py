@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import Pose, checked_pose, power_spectral_density
+from factors.checks import Pose, checked_key, checked_pose, power_spectral_density
 from factors.factor import Factor
 from factors.jacobian_blocks import JacobianBlocks
 from factors.kernels.local_variables import (
@@ -221,7 +221,7 @@ def _by_states(
         "model": noise,
         "state_i": states[0],
         "state_j": states[1],
-        "landmark": int(landmark),
+        "landmark": checked_key("landmark", landmark),
         "camera": as_camera(camera),
         "t": checked_time_between(t, *states),
         "T_body_cam": None if T_body_cam is None else checked_pose("T_body_cam", T_body_cam),

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
+from factors.checks import checked_array, checked_key, checked_poses
 from factors.factor import Factor
 from factors.kernels.se3 import Array
 from factors.lie import se3_inverse, se3_log
@@ -32,12 +33,14 @@ class LinearStatesFactor(Factor):
     """
 
     def __init__(self, keys: Sequence[int], T_states: Array, v_states: Array, rows: Array) -> None:
-        keys = [int(key) for key in keys]
-        T_inverse, v_states, rows = se3_inverse(T_states), np.array(v_states), np.array(rows)
-        if not (len(keys) == 2 * len(T_inverse) == 2 * len(v_states) and rows.ndim == 2):
+        keys = [checked_key("keys", key) for key in keys]
+        T_inverse = se3_inverse(checked_poses("T_states", T_states))
+        v_states = checked_array("v_states", v_states, (6,)).copy()
+        if not (v_states.ndim == 2 and len(keys) == 2 * len(T_inverse) == 2 * len(v_states)):
             raise ValueError(f"keys must be two for each of {len(T_inverse)} states")
-        if rows.shape[1] != 6 * len(keys) + 1:
-            raise ValueError(f"rows must have {6 * len(keys) + 1} columns, not {rows.shape[1]}")
+        rows = checked_array("rows", rows, (6 * len(keys) + 1,)).copy()
+        if rows.ndim != 2:
+            raise ValueError(f"rows must have the shape (n, {rows.shape[-1]}), not {rows.shape}")
 
         def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
             T = np.array([values.atPose3(key).matrix() for key in keys[::2]])

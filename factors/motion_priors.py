@@ -14,7 +14,13 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import checked_array, checked_duration
+from factors.checks import (
+    checked_array,
+    checked_duration,
+    checked_key,
+    checked_number,
+    checked_numbers,
+)
 from factors.factor import Factor
 from factors.kernels.local_variables import EXACT, FIRST_ORDER
 from factors.kernels.se3 import Array
@@ -95,8 +101,8 @@ class MotionPrior(Factor):
             given["dt"] = t_j - t_i
         else:
             given = _named((*names, "dt", "qc"), cls.options, args, kwargs)
-        keys = {name: int(given[name]) for name in names}
-        dt, qc = checked_duration(given["dt"]), np.atleast_1d(np.array(given["qc"], np.float64))
+        keys = {name: checked_key(name, given[name]) for name in names}
+        dt, qc = checked_duration(given["dt"]), np.atleast_1d(checked_numbers("qc", given["qc"]))
         return {**keys, "dt": dt, "qc": qc, **{name: given[name] for name in cls.options}}
 
     def interpolate(self, values: gtsam.Values, t: float) -> tuple[Any, ...]:
@@ -149,7 +155,7 @@ def _parts(name: str, state: Any, order: int) -> list[Any]:
     if not (isinstance(state, tuple | list) and len(state) == order + 1):
         keys = ("pose key", "velocity key", "acceleration key")[:order]
         raise ValueError(f"{name} must be ({', '.join(keys)}, seconds), not {state!r}")
-    return list(state)
+    return [*state[:-1], checked_number(f"the time of {name}", state[-1])]
 
 
 class WnoaPriorFactor(MotionPrior):

@@ -8,7 +8,14 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import Pose, checked_noise, checked_pose, checked_vector
+from factors.checks import (
+    Pose,
+    checked_key,
+    checked_noise,
+    checked_number,
+    checked_pose,
+    checked_vector,
+)
 from factors.factor import Evaluate, Factor
 from factors.jacobian_blocks import Jacobians, blocks_of
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
@@ -95,18 +102,19 @@ class PointToPointFactor(Factor):
         T_body_sensor: Pose | None = None,
     ) -> None:
         checked_noise(model, 3)
+        pose = checked_key("pose", pose)
         point, in_body, T_mount = _in_body(measured, T_body_sensor)
-        variables, axes = [Variable("pose", int(pose), POSE3)], np.eye(3)
+        variables, axes = [Variable("pose", pose, POSE3)], np.eye(3)
         goal: int | Array
         if isinstance(target, int | np.integer):
-            goal = int(target)
+            goal = checked_key("target", int(target))
             variables.append(Variable("target", goal, POINT3))
-            error = _error_of(int(pose), in_body, axes, np.zeros(3), goal)
+            error = _error_of(pose, in_body, axes, np.zeros(3), goal)
         else:
             goal = checked_vector("target", target, 3)
-            error = _error_of(int(pose), in_body, axes, goal)
+            error = _error_of(pose, in_body, axes, goal)
         made_of: dict[str, Any] = {"measured": point, "target": goal, "model": model}
-        arguments = {**made_of, "pose": int(pose), "T_body_sensor": T_mount}
+        arguments = {**made_of, "pose": pose, "T_body_sensor": T_mount}
         super().__init__(model, variables, error, arguments)
 
 
@@ -147,13 +155,12 @@ class PointToPlaneFactor(Factor):
         T_body_sensor: Pose | None = None,
     ) -> None:
         checked_noise(model, 1)
+        pose, distance = checked_key("pose", pose), checked_number("distance", distance)
         point, in_body, T_mount = _in_body(measured, T_body_sensor)
         n = checked_vector("normal", normal, 3)
         if abs(np.linalg.norm(n) - 1) > 1e-6:
             raise ValueError(f"normal must have length 1, not {np.linalg.norm(n)}")
-        if not np.isfinite(distance):
-            raise ValueError(f"distance must be finite metres, not {distance}")
-        error = _error_of(int(pose), in_body, n[None], np.array([float(distance)]))
-        made_of: dict[str, Any] = {"measured": point, "normal": n, "distance": float(distance)}
-        arguments = {**made_of, "model": model, "pose": int(pose), "T_body_sensor": T_mount}
-        super().__init__(model, [Variable("pose", int(pose), POSE3)], error, arguments)
+        error = _error_of(pose, in_body, n[None], np.array([distance]))
+        made_of: dict[str, Any] = {"measured": point, "normal": n, "distance": distance}
+        arguments = {**made_of, "model": model, "pose": pose, "T_body_sensor": T_mount}
+        super().__init__(model, [Variable("pose", pose, POSE3)], error, arguments)

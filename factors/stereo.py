@@ -10,7 +10,15 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import Pose, checked_finite_noise, checked_noise, checked_pose, checked_vector
+from factors.checks import (
+    Pose,
+    checked_finite_noise,
+    checked_key,
+    checked_noise,
+    checked_numbers,
+    checked_pose,
+    checked_vector,
+)
 from factors.factor import Described
 from factors.kernels.se3 import Array, kernel
 from factors.variables import POINT3, POSE3, Variable, checked_keys
@@ -181,7 +189,7 @@ def stereo_measurements(
     if isinstance(measured, Sequence) and len(measured):
         pairs = [stereo_measurement(each, model) for each in measured]
         return np.array([each for each, _ in pairs]), pairs[0][1]
-    return np.asarray(measured, np.float64), model
+    return checked_numbers("measured", measured), model
 
 
 @lru_cache(
@@ -253,14 +261,15 @@ class StereoReprojectionFactor(Described, gtsam.GenericStereoFactor3D):
     ) -> None:
         measurement, noise = stereo_measurement(measured, model)
         camera = as_camera(camera)
+        pose, landmark = checked_key("pose", pose), checked_key("landmark", landmark)
         checked_keys([Variable("pose", pose, POSE3), Variable("landmark", landmark, POINT3)])
         T = np.eye(4) if T_body_cam is None else checked_pose("T_body_cam", T_body_cam)
         self._describe(
             {
                 "measured": measurement,
                 "model": noise,
-                "pose": int(pose),
-                "landmark": int(landmark),
+                "pose": pose,
+                "landmark": landmark,
                 "camera": camera,
                 "T_body_cam": None if T_body_cam is None else T,
             }

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import gtsam
 import numpy as np
 
+from factors.checks import checked_key, checked_number, checked_numbers
 from factors.kernels.se3 import Array
 
 State = tuple[int, int, float] | gtsam.StateData
@@ -104,14 +105,16 @@ def as_state(name: str, state: State) -> tuple[int, int, float]:
     ValueError
         If it is neither a gtsam.StateData nor such a tuple.
     """
-    if isinstance(state, gtsam.StateData):
-        return state.pose, state.velocity, state.time
     try:
-        pose, velocity, time = state
-        return int(pose), int(velocity), float(time)
+        if isinstance(state, gtsam.StateData):
+            pose, velocity, time = state.pose, state.velocity, state.time
+        else:
+            pose, velocity, time = state
     except (TypeError, ValueError):
         remedy = "(pose key, velocity key, seconds) or a gtsam.StateData"
         raise ValueError(f"{name} must be {remedy}, not {state!r}") from None
+    keys = checked_key(name, pose), checked_key(name, velocity)
+    return *keys, checked_number(f"the time of {name}", time)
 
 
 def are_states(args: Sequence[Any], kwargs: dict[str, Any], place: int = 0) -> bool:
@@ -125,7 +128,7 @@ def checked_time_between(
     t: float, state_i: tuple[int, int, float], state_j: tuple[int, int, float]
 ) -> float:
     """Return a time between those of two states, which are in order."""
-    t_i, t_j = state_i[2], state_j[2]
-    if not (t_i < t_j and t_i <= t <= t_j):
+    found, t_i, t_j = checked_numbers("t", t), state_i[2], state_j[2]
+    if found.ndim or not (t_i < t_j and t_i <= found <= t_j):
         raise ValueError(f"t = {t} must lie between t_i = {t_i} and t_j = {t_j}")
-    return float(t)
+    return float(found)

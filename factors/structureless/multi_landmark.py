@@ -16,7 +16,13 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from factors.checks import Pose, checked_finite_noise, checked_pose, power_spectral_density
+from factors.checks import (
+    Pose,
+    checked_finite_noise,
+    checked_number,
+    checked_pose,
+    power_spectral_density,
+)
 from factors.factor import Factor
 from factors.kernels.se3 import Array
 from factors.stereo import Camera, StereoCamera, StereoMeasurements, as_camera, stereo_measurements
@@ -105,8 +111,11 @@ class StructurelessStereoFactor(Factor):
         camera = as_camera(camera)
         if prior is None and len(t) < 2:
             raise ValueError(f"measured must have two rows or more, not {len(t)}")
-        if not tolerance >= 0:
+        tolerance = checked_number("tolerance", tolerance)
+        if tolerance < 0:
             raise ValueError(f"tolerance must not be negative, not {tolerance}")
+        if not (prior is None or isinstance(prior, LandmarkPrior)):
+            raise ValueError(f"prior must be a LandmarkPrior, not {type(prior).__name__}")
         roots = None if qc is None else np.sqrt(_diagonal(qc))
         named_states = [as_state("states", state) for state in states]
         T_mount = None if T_body_cam is None else checked_pose("T_body_cam", T_body_cam)

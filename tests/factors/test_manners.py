@@ -30,7 +30,9 @@ from factors import (
     StructurelessStereoFactor,
     WnoaPriorFactor,
     check_values,
+    from_dict,
     original,
+    to_dict,
 )
 from factors.linear_states import LinearStatesFactor
 
@@ -236,6 +238,25 @@ def test_factors_that_differ_are_not_equal() -> None:
     assert not stereo[0].equals(stereo[2])
     assert not stereo[0].equals(factor)
     assert not factor.equals(gtsam.CustomFactor(factor.noiseModel(), keys, lambda *_: np.zeros(12)))
+
+
+def test_what_gtsam_cannot_do_with_python_factors_is_as_the_docstring_says() -> None:
+    graph, other, values = gtsam.NonlinearFactorGraph(), gtsam.NonlinearFactorGraph(), good_values()
+    graph.add(FACTORS["prior"]())
+    other.add(WnoaPriorFactor(X(0), V(0), X(1), V(1), 2 * DT, QC))
+    for call in (
+        graph.at(0).clone,
+        lambda: graph.at(0).rekey([1, 2, 3, 4]),
+        lambda: graph.at(0).cloneWithNewNoiseModel(gtsam.noiseModel.Unit.Create(12)),
+        graph.serialize,
+        lambda: pickle.dumps(graph),
+        lambda: gtsam.GncLMOptimizer(graph, values, gtsam.GncLMParams()).optimize(),
+    ):
+        with pytest.raises(RuntimeError, match=r"clone|unregistered class"):
+            call()
+    assert graph.equals(other, 1e-9)  # which it should not
+    again = from_dict(to_dict(graph))
+    assert original(again.at(0)).equals(original(graph.at(0)))  # type: ignore[union-attr]
 
 
 @each_factor
