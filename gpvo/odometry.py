@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
+from itertools import takewhile
 from typing import Any, TypeVar
 
 import numpy as np
@@ -64,10 +65,11 @@ class Odometry:
         start: float = 0.0,
         duration: float = np.inf,
         progress: Callable[[ClusterReport], None] | None = None,
+        ended: Callable[[], bool] = lambda: False,
     ) -> Trajectory:
         """Process a recording from `start` for `duration` seconds.
 
-        `progress` is called after every cluster.
+        `progress` is called after every cluster. Once `ended` returns True, no more is read.
 
         Raises
         ------
@@ -75,7 +77,7 @@ class Odometry:
             If the events are faulty, or no landmark could be tracked in any cluster.
         """
         batches = prefetched(recording.event_batches(start, start + duration))
-        for report in self.reports_of(batches):
+        for report in self.reports_of(takewhile(lambda _: not ended(), batches)):
             if progress is not None:
                 progress(report)
         trajectory = self.trajectory(recording.start_ns)

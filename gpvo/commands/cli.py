@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from importlib import import_module
 from typing import Annotated, Any, NamedTuple
@@ -9,12 +10,14 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from gpvo.errors import InputError
+from gpvo.errors import InputError, OutputError
 
 BAD_INPUT = 2
 """Exit status for bad input."""
-INTERRUPTED = 130
-"""Exit status after Ctrl-C."""
+NOT_WRITTEN = 4
+"""Exit status for results that could not be written."""
+INTERRUPTED, TERMINATED = 130, 143
+"""Exit status after Ctrl-C, and after SIGTERM."""
 HELP = {"help_option_names": ["-h", "--help"]}
 
 
@@ -147,13 +150,25 @@ def _options(
     """Continuous-time visual odometry for stereo event cameras."""
 
 
+def _terminated(*_: object) -> None:
+    print("gpvo: terminated; nothing was saved", file=sys.stderr)
+    sys.exit(TERMINATED)
+
+
 def main() -> None:
-    """Run the command line; bad input gives one line on stderr and exit status 2."""
+    """Run the command line; bad input gives one line on stderr and exit status 2.
+
+    Results that cannot be written give exit status 4, Ctrl-C 130.
+    """
+    signal.signal(signal.SIGTERM, _terminated)
     try:
         app()
     except InputError as error:
         print(f"gpvo: {error}", file=sys.stderr)
         sys.exit(BAD_INPUT)
+    except OutputError as error:
+        print(f"gpvo: {error}", file=sys.stderr)
+        sys.exit(NOT_WRITTEN)
     except KeyboardInterrupt:
         print("gpvo: interrupted; nothing was saved", file=sys.stderr)
         sys.exit(INTERRUPTED)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -17,13 +17,22 @@ from gpvo.trajectory import StampedPoses
 console = Console()
 """Console that the commands print to."""
 
-Output = Annotated[Path | None, typer.Option(help="Folder for the results.")]
-Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all random choices.")]
+Output = Annotated[Path | None, typer.Option(help="Folder for the results; default: results/NAME.")]
+Start = Annotated[float, typer.Option(min=0, help="Seconds to skip.")]
+Duration = Annotated[
+    float | None, typer.Option(help="Seconds to process; default: all.", show_default=False)
+]
+RightOffset = Annotated[
+    str,
+    typer.Option(help="Seconds by which the right camera's stamps are late, or auto to find them."),
+]
+Plots = Annotated[Literal["png", "pdf", "svg", "none"], typer.Option(help="Format of the plots.")]
+Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all random choices; default: 0.")]
 Calibration = Annotated[
     Path | None,
     typer.Option(help="kalibr, DSEC, basalt, CameraInfo, M3ED; default: in or beside RECORDING."),
 ]
-Config = Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`.")]
+Config = Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`; default: preset auto.")]
 LeftTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the left camera.")]
 RightTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the right camera.")]
 GroundTruth = Annotated[Path | None, typer.Option(help="True poses: MVSEC HDF5, TUM, KITTI, bag.")]
@@ -56,3 +65,10 @@ def check_start(recording: Recording, start: float) -> None:
         raise InputError(
             f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"
         )
+
+
+def checked_duration(seconds: float | None) -> float | None:
+    """Return a duration; InputError if it is not positive."""
+    if seconds is not None and not seconds > 0:
+        raise InputError(f"--duration {seconds:g}: give a positive number of seconds")
+    return seconds

@@ -11,7 +11,6 @@ import numpy as np
 import typer
 
 from gpvo.cluster_report import ClusterReport
-from gpvo.commands.cli import INTERRUPTED
 from gpvo.commands.inputs import (
     Calibration,
     Config,
@@ -29,7 +28,7 @@ from gpvo.commands.result import FILES
 from gpvo.commands.run import write_results
 from gpvo.commands.watch import Save, View, Watch
 from gpvo.errors import InputError
-from gpvo.evaluation.report.result_folder import make_folder
+from gpvo.evaluation.report.result_folder import claim_folder
 from gpvo.evaluation.report.run_time import CostMeter
 from gpvo.live import LiveOdometry
 from gpvo.live.recorder import Recorder
@@ -62,7 +61,7 @@ def live(
     configuration = configured(config, seed)
     span = start, np.inf if duration is None else duration
     rig, events = _opened(source, calibration, speed, span, left_topic, right_topic)
-    folder = make_folder(output or Path("results") / _name(source), FILES)
+    folder = claim_folder(output or Path("results") / _name(source), FILES)
     recorder = Recorder(record, rig) if record else None
     with console.status("getting ready"):
         warm_up(configuration)
@@ -78,14 +77,14 @@ def live(
         session.run(advance)
         trajectory = odometry.close()
     if trajectory is None and interruption.happened:
-        raise typer.Exit(INTERRUPTED)
+        raise typer.Exit(interruption.status)
     if trajectory is None:
         lost = lost_stage(odometry.reports) if odometry.reports else "no events came"
         raise InputError(f"{source}: no landmark could be tracked: {lost}")
     write_results(folder, odometry.odometry, trajectory, None, meter, console)
     _say(session)
     if interruption.happened:
-        raise typer.Exit(INTERRUPTED)
+        raise typer.Exit(interruption.status)
 
 
 @contextmanager

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ from rich.table import Table
 
 from gpvo.cluster_report import ClusterReport
 from gpvo.config import Configuration, configuration_text
+from gpvo.errors import OutputError
 from gpvo.estimator import Diagnostic
 from gpvo.evaluation import Evaluation, evaluate
 from gpvo.evaluation.poses.continuous import ContinuousPoses
@@ -19,18 +22,20 @@ from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import COST_FILE
 from gpvo.evaluation.report.weak_stretches import weak_stretches
 from gpvo.trajectory import StampedPoses, Trajectory, write_tum
+from gpvo.trajectory.whole_file import whole_file
 from gpvo.verdict import Verdict
 
+PLOTS = ("path", "error", "tracklets")
+FORMATS = ("png", "pdf", "svg")
 FILES = (
     "trajectory.tum",
     "trajectory.npz",
     "ground_truth.tum",
     "metrics.json",
     "config.yaml",
-    "path.png",
-    "error.png",
-    "tracklets.png",
+    *(f"{name}.{kind}" for name in PLOTS for kind in FORMATS),
     COST_FILE,
+    "run.json",
 )
 STEP = 0.01
 """Seconds between the poses that are compared with the ground truth."""
@@ -48,14 +53,22 @@ class Result:
     evaluation: Evaluation | None = None
     ground_truth: StampedPoses | None = None
 
-    def write(self, folder: Path | str) -> None:
-        """Write what was found about a trajectory, which is saved before."""
+    def write(self, folder: Path | str, plots: str = "png") -> None:
+        """Write what was found about a trajectory, which is saved before.
+
+        `plots` is the plots' format, one of `FORMATS` or none.
+        """
         folder = make_folder(folder)
-        (folder / "config.yaml").write_text(configuration_text(self.configuration))
-        (folder / "metrics.json").write_text(json.dumps(self.metrics(), indent=2) + "\n")
+        for name, text in (
+            ("config.yaml", configuration_text(self.configuration)),
+            ("metrics.json", json.dumps(self.metrics(), indent=2) + "\n"),
+        ):
+            with whole_file(folder / name) as file:
+                file.write(text.encode())
         if self.ground_truth is not None:
             write_tum(folder / "ground_truth.tum", self.ground_truth)
-        self._write_plots(folder)
+        if plots != "none":
+            self._write_plots(folder, plots)
 
     def metrics(self) -> dict[str, Any]:
         """Return the numbers of the run by name, except those of time spent."""
@@ -122,7 +135,7 @@ class Result:
             table.add_row(name, value)
         return table
 
-    def _write_plots(self, folder: Path) -> None:
+    def _write_plots(self, folder: Path, kind: str) -> None:
         # matplotlib is slow to import
         from gpvo.evaluation.report.plots import (
             error_figure,
@@ -137,14 +150,36 @@ class Result:
             "inliers": [report.inliers for report in self.reports],
         }
         figure = series_figure(middle, counts, "tracklets per cluster", whole_numbers=True)
-        save_figure(figure, folder / "tracklets.png")
+        save_figure(figure, folder / f"tracklets.{kind}")
         if self.evaluation is None:
             path = path_figure({"gpvo": self.trajectory.stamped_poses()}, None)
         else:
             path = path_figure({"gpvo": self.evaluation.estimate}, self.evaluation.ground_truth)
             figure = error_figure([self.evaluation], stretches=weak_stretches(self.trajectory))
-            save_figure(figure, folder / "error.png")
-        save_figure(path, folder / "path.png")
+            save_figure(figure, folder / f"error.{kind}")
+        save_figure(path, folder / f"path.{kind}")
+
+
+def saved(folder: Path) -> str:
+    """Say what of a run is saved in its folder."""
+    whole, growing = folder / "trajectory.npz", folder / "trajectory.tum"
+    if whole.exists():
+        return f"the whole trajectory is saved in {whole}"
+    if growing.exists() and (count := growing.read_bytes().count(b"\n") - 1) > 0:
+        return f"{count} poses are saved in {growing}"
+    return "nothing was saved"
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Raise OutputError, with what is saved, if something cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        name = error.filename or folder
+        raise OutputError(
+            f"{name}: cannot be written ({error.strerror or error}); {saved(folder)}"
+        ) from error
 
 
 def save_trajectory(trajectory: Trajectory, folder: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -14,29 +16,52 @@ from gpvo.cluster_report import ClusterReport
 from gpvo.commands.inputs import (
     Calibration,
     Config,
+    Duration,
     GroundTruth,
     LeftTopic,
     Output,
+    Plots,
+    RightOffset,
     RightTopic,
     Seed,
+    Start,
     check_start,
+    checked_duration,
     configured,
     console,
     load_ground_truth,
 )
+from gpvo.commands.interruption import Interruption, end_at_ctrl_c
 from gpvo.commands.live_trajectory import live_file
 from gpvo.commands.progress import run_progress
-from gpvo.commands.result import FILES, Result, evaluate_trajectory, save_trajectory
+from gpvo.commands.provenance import (
+    FILE,
+    Request,
+    absolute,
+    calibration_of,
+    read_provenance,
+    write_provenance,
+)
+from gpvo.commands.result import (
+    FILES,
+    Result,
+    evaluate_trajectory,
+    save_trajectory,
+    saved,
+    writing,
+)
 from gpvo.commands.watch import Save, View, Watch
 from gpvo.config import Configuration
+from gpvo.errors import InputError
 from gpvo.evaluation.report.compilation import CompilationTimer
 from gpvo.evaluation.report.machine import machine_text
 from gpvo.evaluation.report.paper_tables import evaluation_tables
-from gpvo.evaluation.report.result_folder import make_folder
+from gpvo.evaluation.report.result_folder import claim_folder
 from gpvo.evaluation.report.run_time import CostMeter, cost_table, write_cost
 from gpvo.evaluation.report.table import to_rich
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
+from gpvo.recordings.right_offset import with_right_offset
 from gpvo.simulation import SimulationConfig, simulate
 from gpvo.trajectory import StampedPoses, Trajectory
 from gpvo.verdict import Verdict
@@ -48,31 +73,75 @@ DEAD_RECKONING = 3
 
 
 def run(
-    recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
+    recording: Annotated[Path | None, typer.Argument(help="Stereo event recording.")] = None,
     calibration: Calibration = None,
     ground_truth: GroundTruth = None,
     output: Output = None,
     config: Config = None,
-    start: Annotated[float, typer.Option(min=0, help="Seconds to skip.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(min=0, help="Seconds to process.")] = None,
+    start: Start = 0.0,
+    duration: Duration = None,
     seed: Seed = None,
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
+    right_offset: RightOffset = "0",
+    plots: Plots = "png",
+    repeat: Annotated[
+        Path | None, typer.Option(help="Result folder, to make its run again as it was.")
+    ] = None,
     view: View = False,
     save: Save = None,
 ) -> None:
     """Estimate the motion of a recording; write trajectory, metrics and plots.
 
-    Exit status 3: most of the trajectory is dead reckoning.
+    Exit status 2: bad input. 3: most of the trajectory is dead reckoning. 4: results cannot be
+    written. 130 and 143: ended by Ctrl-C or SIGTERM, with the results so far.
     """
-    configuration = configured(config, seed)
-    opened = open_recording(recording, calibration, left_topic, right_topic)
-    truth = load_ground_truth(ground_truth, opened, calibration) if ground_truth else None
-    span = (start, np.inf if duration is None else duration)
-    folder = output or Path("results") / recording.stem
-    judged = run_and_write(opened, configuration, folder, truth, console, *span, Watch(view, save))
+    if repeat is not None:
+        if recording is not None:
+            raise InputError("--repeat: takes the recording of that run; give no other")
+        request, configuration = read_provenance(repeat)
+        folder = output or repeat.with_name(f"{repeat.name}_repeated")
+    else:
+        if recording is None:
+            raise InputError("recording: give a stereo event recording, or --repeat DIR")
+        configuration = configured(config, seed)
+        request = Request(
+            str(recording.absolute()),
+            absolute(calibration_of(recording, calibration)),
+            absolute(ground_truth),
+            start,
+            checked_duration(duration),
+            left_topic,
+            right_topic,
+            right_offset,
+        )
+        folder = output or Path("results") / recording.stem
+    judged = _run(request, configuration, folder, plots, Watch(view, save))
     if judged.word == "failed":
         raise typer.Exit(DEAD_RECKONING)
+
+
+def _run(
+    request: Request, configuration: Configuration, folder: Path, plots: str, watch: Watch
+) -> Verdict:
+    """Open what was asked for, estimate, and write the results."""
+    path, files = Path(request.recording), request.files
+    calibration = files.get("calibration")
+    opened = open_recording(path, calibration, request.left_topic, request.right_topic)
+    opened = with_right_offset(opened, request.right_offset)
+    truth = files.get("ground_truth")
+    poses = load_ground_truth(truth, opened, calibration) if truth else None
+    duration = np.inf if request.duration is None else request.duration
+    check_start(opened, request.start)
+    folder = claim_folder(folder, FILES)
+    with writing(folder):
+        write_provenance(folder, request, configuration)
+    span = request.start, duration
+    try:
+        return run_and_write(opened, configuration, folder, poses, console, *span, watch, plots)
+    except InputError:
+        (folder / FILE).unlink(missing_ok=True)
+        raise
 
 
 def demo(output: Output = None, seed: Seed = None) -> None:
@@ -80,7 +149,7 @@ def demo(output: Output = None, seed: Seed = None) -> None:
     simulation = SimulationConfig(seed=1 if seed is None else seed, duration=2.0)
     with console.status("simulating stereo events of a textured room"):
         recording = simulate(simulation)
-    folder = output or Path("results") / "demo"
+    folder = claim_folder(output or Path("results") / "demo", FILES)
     configuration = configured(None, seed)
     run_and_write(recording, configuration, folder, recording.ground_truth, console)
 
@@ -94,27 +163,49 @@ def run_and_write(
     start: float = 0.0,
     duration: float = np.inf,
     watch: Watch = NO_WATCH,
+    plots: str = "png",
 ) -> Verdict:
-    """Estimate the motion from `start` for `duration` seconds and write a result folder.
+    """Estimate the motion from `start` for `duration` seconds and write to a claimed folder.
 
     Returns the verdict on the run.
 
     Raises
     ------
     InputError
-        If the recording ends before `start`, the folder cannot be written or the events are faulty.
+        If the events are faulty.
+    OutputError
+        If the results cannot be written.
     """
-    check_start(recording, start)
-    folder = make_folder(folder, FILES)
     meter = CostMeter(compilation=CompilationTimer(lambda: console.print(COMPILING)))
     stop = min(start + duration, recording.duration)
     with (
-        watch.observer(meter.stages, truth, recording.start_ns) as observer,
-        run_progress(console, start, stop) as show,
+        end_at_ctrl_c(saved=lambda: saved(folder)) as interruption,
+        writing(folder),
+        _ends_without_results(interruption),
     ):
-        odometry = Odometry(recording.rig, configuration, meter.stage, observer=observer)
-        trajectory = _estimate(odometry, recording, folder, (start, duration), show)
-    return write_results(folder, odometry, trajectory, truth, meter, console)
+        with (
+            watch.observer(meter.stages, truth, recording.start_ns) as observer,
+            run_progress(console, start, stop) as show,
+        ):
+            odometry = Odometry(recording.rig, configuration, meter.stage, observer=observer)
+            span = start, duration
+            trajectory = _estimate(odometry, recording, folder, span, show, interruption)
+        judged = write_results(folder, odometry, trajectory, truth, meter, console, plots)
+    if interruption.happened:
+        raise typer.Exit(interruption.status)
+    return judged
+
+
+@contextmanager
+def _ends_without_results(interruption: Interruption) -> Iterator[None]:
+    """Say that nothing was saved if the run is to end before there is a landmark."""
+    try:
+        yield
+    except InputError:
+        if interruption.happened:
+            print("gpvo: interrupted; nothing was saved", file=sys.stderr)
+            raise typer.Exit(interruption.status) from None
+        raise
 
 
 def _estimate(
@@ -123,8 +214,9 @@ def _estimate(
     folder: Path,
     span: tuple[float, float],
     show: Callable[[ClusterReport], None],
+    interruption: Interruption,
 ) -> Trajectory:
-    """Run the odometry while the file of the trajectory grows."""
+    """Run the odometry while the file of the trajectory grows, until it is to end."""
     final_states = odometry.estimator.final_states
     file = live_file(folder / "trajectory.tum", final_states, lambda: recording.start_ns)
     with file as append_final:
@@ -133,7 +225,7 @@ def _estimate(
             show(report)
             append_final()
 
-        return odometry.run(recording, *span, advance)
+        return odometry.run(recording, *span, advance, lambda: interruption.happened)
 
 
 def write_results(
@@ -143,6 +235,7 @@ def write_results(
     truth: StampedPoses | None,
     meter: CostMeter,
     console: Console,
+    plots: str = "png",
 ) -> Verdict:
     """Write a result folder, and print what was found; return the verdict."""
     reports = odometry.reports
@@ -153,7 +246,7 @@ def write_results(
     diagnostics, judged = odometry.estimator.diagnostics, odometry.verdict()
     configuration = odometry.configuration
     result = Result(trajectory, reports, diagnostics, configuration, judged, evaluation, truth)
-    result.write(folder)
+    result.write(folder, plots)
     write_cost(folder, cost)
     console.print(result.table())
     console.print(to_rich(cost_table({"gpvo": cost})))

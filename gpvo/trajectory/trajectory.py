@@ -5,7 +5,6 @@ Section III-C.2 of the paper.
 
 from __future__ import annotations
 
-import os
 import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -21,6 +20,7 @@ from gpvo.trajectory.covariance_knots import CovarianceKnots
 from gpvo.trajectory.stamped_poses import StampedPoses
 from gpvo.trajectory.states import States, bracket
 from gpvo.trajectory.tum import write_tum
+from gpvo.trajectory.whole_file import whole_file
 
 Array = NDArray[np.float64]
 
@@ -146,10 +146,8 @@ class Trajectory:
     def save(self, path: Path | str) -> None:
         """Write everything to one .npz file; an existing file is replaced by the complete one."""
         columns = {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
-        unfinished = Path(f"{path}.unfinished")
-        with open(unfinished, "wb") as file:
+        with whole_file(path) as file:
             np.savez(file, allow_pickle=False, **columns)
-        os.replace(unfinished, path)
 
     @staticmethod
     def load(path: Path | str) -> Trajectory:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
 from gpvo.trajectory.stamped_poses import StampedPoses, quaternions, rigid_transforms, seconds_text
+from gpvo.trajectory.whole_file import whole_file
 
 QUATERNION_NORM_TOLERANCE = 1e-2
 """Largest deviation of a norm from 1; files with two decimals pass."""
@@ -28,9 +29,8 @@ def tum_lines(poses: StampedPoses) -> list[str]:
 
 def write_tum(path: Path | str, poses: StampedPoses) -> None:
     """Write poses as a TUM file; an existing file is replaced by the complete one."""
-    unfinished = Path(f"{path}.unfinished")
-    unfinished.write_bytes("".join(tum_lines(poses)).encode("ascii"))
-    unfinished.replace(path)
+    with whole_file(path) as file:
+        file.write("".join(tum_lines(poses)).encode("ascii"))
 
 
 def read_tum(path: Path | str) -> StampedPoses:

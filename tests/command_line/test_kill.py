@@ -46,3 +46,72 @@ def test_killed_run_leaves_whole_lines_that_can_be_evaluated(
     evaluated = subprocess.run([*COMMAND, *map(str, evaluate)], capture_output=True, text=True)
     assert evaluated.returncode == 0, evaluated.stderr
     assert "ATE" in evaluated.stdout
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_run_that_is_to_end_keeps_the_results_so_far(
+    recording: RecordingFiles, tmp_path: Path, number: signal.Signals, status: int
+) -> None:
+    process = subprocess.Popen(
+        [*COMMAND, *recording.arguments(tmp_path / "out")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    file = tmp_path / "out" / "trajectory.tum"
+    try:
+        while process.poll() is None and not (file.exists() and len(file.read_bytes()) > 500):
+            time.sleep(0.005)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == status, said
+    assert said.count("ending, results follow") == 1 and "Traceback" not in said
+    assert {"metrics.json", "trajectory.npz", "path.png"} <= {p.name for p in file.parent.iterdir()}
+    assert not read_text_unfinished(file)
+
+
+def read_text_unfinished(file: Path) -> bool:
+    return UNFINISHED in file.read_text()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("delay", [0.5, 1.5, 3.0])
+def test_the_end_may_come_at_any_time(
+    recording: RecordingFiles, tmp_path: Path, number: signal.Signals, delay: float
+) -> None:
+    """While packages are loaded, files opened, functions compiled or results written."""
+    process = subprocess.Popen(
+        [*COMMAND, *recording.arguments(tmp_path / "out")],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(delay)
+    process.send_signal(number)
+    try:
+        _, said = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert "Traceback" not in said
+    assert process.returncode in {0, 128 + number}, said
+
+
+def test_a_second_run_into_one_folder_is_refused(recording: RecordingFiles, tmp_path: Path) -> None:
+    code = (
+        "import sys, time; from gpvo.evaluation.report.result_folder import claim_folder;"
+        f"claim_folder({str(tmp_path / 'out')!r}); print('claimed', flush=True); time.sleep(60)"
+    )
+    first = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    try:
+        assert first.stdout is not None and first.stdout.readline() == "claimed\n"
+        (tmp_path / "out" / "metrics.json").write_text("of the first run")
+        second = subprocess.run(
+            [*COMMAND, *recording.arguments(tmp_path / "out")], capture_output=True, text=True
+        )
+        assert second.returncode == 2 and "another run writes there" in second.stderr
+        assert second.stderr.count("\n") == 1
+        assert (tmp_path / "out" / "metrics.json").read_text() == "of the first run"
+    finally:
+        first.kill()

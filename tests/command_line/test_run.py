@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -66,7 +68,7 @@ def result(recording: RecordingFiles, tmp_path_factory: pytest.TempPathFactory) 
 
 
 def test_all_files_are_written(result: Path) -> None:
-    assert {path.name for path in result.iterdir()} == {*FILES, "cost.json"}
+    assert {path.name for path in result.iterdir()} == {*FILES, "cost.json", "run.json"}
     for picture in result.glob("*.png"):
         assert cv2.imread(str(picture)) is not None
 
@@ -79,6 +81,76 @@ def test_second_run_writes_the_same_bytes(
     assert "final" in out and "ATE" in out and "real time" in out
     for name in FILES:
         assert (tmp_path / "second" / name).read_bytes() == (result / name).read_bytes(), name
+
+
+def test_a_run_can_be_repeated_from_its_folder(
+    result: Path, gpvo: Callable, tmp_path: Path
+) -> None:
+    code, _, _ = gpvo("run", "--repeat", result, "--output", tmp_path / "again", "--plots", "svg")
+    assert code == 0
+    again = {path.name for path in (tmp_path / "again").iterdir()}
+    assert {"path.svg", "error.svg", "tracklets.svg", "run.json"} < again
+    for name in ("trajectory.npz", "trajectory.tum", "config.yaml", "metrics.json"):
+        assert (tmp_path / "again" / name).read_bytes() == (result / name).read_bytes(), name
+
+
+def test_what_a_run_was_made_from_is_written(recording: RecordingFiles, result: Path) -> None:
+    facts = json.loads((result / "run.json").read_text())
+    assert facts["command"][:2] == ["gpvo", "run"] and facts["machine"]["packages"]["gpvo"]
+    size = recording.data.stat().st_size
+    assert facts["files"]["recording"]["bytes"] == size
+    assert set(facts["files"]) == {"recording", "calibration", "ground_truth"}
+    assert facts["request"]["duration"] is None and facts["configuration"]["seed"] == 0
+
+
+def test_a_run_of_another_recording_is_not_repeated(
+    result: Path, gpvo: Callable, tmp_path: Path
+) -> None:
+    facts = json.loads((result / "run.json").read_text())
+    facts["files"]["recording"]["bytes"] += 1
+    (tmp_path / "run.json").write_text(json.dumps(facts))
+    code, _, error = gpvo("run", "--repeat", tmp_path)
+    assert code == 2 and "is not the one of that run" in error and error.count("\n") == 1
+    (tmp_path / "run.json").write_text("{}")
+    code, _, error = gpvo("run", "--repeat", tmp_path)
+    assert code == 2 and "is not what `gpvo run` wrote" in error and error.count("\n") == 1
+
+
+def test_a_right_camera_that_is_late_is_corrected(
+    recording: RecordingFiles, result: Path, gpvo: Callable, tmp_path: Path
+) -> None:
+    late = tmp_path / "late.hdf5"
+    shutil.copy(recording.data, late)
+    with h5py.File(late, "r+") as file:
+        file["davis/right/events"][:, 2] += 0.03
+    moved = replace(recording, data=late)
+    code, out, _ = gpvo(*moved.arguments(tmp_path / "out"), "--right-offset", "0.03")
+    assert code == 0 and "degraded" not in out
+    final, expected = (
+        json.loads((folder / "metrics.json").read_text())["errors"]["relative_error"]["se3"]["rms"]
+        for folder in (tmp_path / "out", result)
+    )
+    assert final < 1.5 * expected
+    code, _, error = gpvo(*moved.arguments(tmp_path / "out"), "--right-offset", "late")
+    assert code == 2 and "--right-offset late: give seconds, or auto" in error
+
+
+def test_a_full_disk_is_one_line_that_says_what_is_saved(
+    recording: RecordingFiles, gpvo: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "f"))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Result, "write", full)
+        code, _, error = gpvo(*recording.arguments(tmp_path / "out"))
+    assert code == 4 and error.splitlines()[-1].startswith("gpvo: ") and "Traceback" not in error
+    assert "No space left on device); the whole trajectory is saved in" in error
+    with monkeypatch.context() as patch:
+        patch.setattr("gpvo.commands.run.save_trajectory", full)
+        code, _, error = gpvo(*recording.arguments(tmp_path / "out"))
+    assert code == 4 and "poses are saved in" in error and "trajectory.tum" in error
+    read_tum(tmp_path / "out" / "trajectory.tum")
 
 
 def test_python_gives_the_same_trajectory(recording: RecordingFiles, result: Path) -> None:
@@ -188,15 +260,14 @@ def test_mostly_dead_reckoning_is_said_and_is_exit_status_3(
 
 
 def test_trajectory_is_there_when_the_plots_fail(
-    recording: RecordingFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recording: RecordingFiles, gpvo: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full_disk(*_: object) -> None:
         raise OSError("No space left on device")
 
     monkeypatch.setattr(Result, "_write_plots", full_disk)
-    monkeypatch.setattr(sys, "argv", ["gpvo", *recording.arguments(tmp_path / "full")])
-    with pytest.raises(OSError, match="No space"):
-        main()
+    code, _, error = gpvo(*recording.arguments(tmp_path / "full"))
+    assert code == 4 and "No space left on device" in error
     saved = Trajectory.load(tmp_path / "full" / "trajectory.npz")
     lines = (tmp_path / "full" / "trajectory.tum").read_text().splitlines()
     assert len(lines) == len(saved)

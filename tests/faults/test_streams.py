@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,10 @@ import pytest
 from gpvo.faults import FaultWatch
 from gpvo.faults.doubled import repeated
 from gpvo.faults.rates import EventRates
-from gpvo.recordings import Events, StereoEvents
+from gpvo.recordings import Events, Recording, StereoEvents
+from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
+from gpvo.recordings.event_batches import stereo_batches
+from gpvo.recordings.right_offset import ShiftedRecording, found_offset, with_right_offset
 
 DURATION = 4.0
 SIZE = (240, 180)
@@ -43,6 +47,19 @@ def found(left: Events, right: Events, length: float = 0.1) -> dict[str, float]:
     for batch in batches(left, right, length):
         watch.see_events(batch)
     return {fault.kind: fault.t for fault in watch.faults}
+
+
+class Streams(Recording):
+    """A recording in memory."""
+
+    def __init__(self, left: Events, right: Events) -> None:
+        self.path, self.start_ns, self.duration = Path("streams"), 0, DURATION
+        self.rig, self._left, self._right = UNKNOWN_RIG, left, right
+
+    def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
+        start, stop = max(start, 0.0), min(stop, DURATION)
+        sides = (iter([side.between(start, stop)]) for side in (self._left, self._right))
+        return stereo_batches(*sides, start, stop, 0.1)
 
 
 def without(stream: Events, start: float, stop: float) -> Events:
@@ -81,6 +98,28 @@ def test_clocks_that_are_apart_are_found_and_measured(
         assert list(found(events(1), events(2, late))) == ["clocks apart"]
     (line,) = caplog.messages
     assert f"{late:+.3f} s late" in line and "--right-offset auto" in line
+
+
+@pytest.mark.parametrize("late", [0.0, -0.02, 0.05, 0.3])
+def test_a_right_camera_that_is_late_is_corrected_automatically(late: float) -> None:
+    recording = Streams(events(1), events(2, late))
+    assert found_offset(recording) == pytest.approx(late, abs=0.0015)
+    corrected = with_right_offset(recording, "auto")
+    watch = FaultWatch()
+    for batch in corrected.event_batches():
+        watch.see_events(batch)
+        for side in (batch.left, batch.right):
+            assert ((side.t >= batch.start) & (side.t < batch.stop)).all()
+    assert not any("clocks" in fault.kind for fault in watch.faults)
+
+
+@pytest.mark.parametrize("start", [0.0, 1.05])
+def test_all_events_of_a_shifted_camera_come_once(start: float) -> None:
+    left, right = events(1), events(2)
+    shifted = ShiftedRecording(Streams(left, right), 0.25)
+    parts = [batch.right for batch in shifted.event_batches(start, 2.0)]
+    expected = right.between(start + 0.25, 2.25)
+    np.testing.assert_allclose(Events.concatenate(parts).t, expected.t - 0.25, atol=1e-9)
 
 
 def test_clocks_that_drift_are_said_too() -> None:

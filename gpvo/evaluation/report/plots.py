@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -190,5 +192,11 @@ def png(figure: Figure) -> bytes:
 
 
 def save_figure(figure: Figure, path: Path | str) -> None:
-    """Write a figure as a PNG file."""
-    Path(path).write_bytes(png(figure))
+    """Write a figure as a PNG, PDF or SVG file, by its name, without a date."""
+    kind = Path(path).suffix[1:]
+    if kind == "png":
+        Path(path).write_bytes(png(figure))
+        return
+    no_date: dict[str, Any] = {"CreationDate": None} if kind == "pdf" else {"Date": None}
+    with rc_context({"svg.hashsalt": "gpvo"}):
+        figure.savefig(path, format=kind, metadata=no_date)

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows has no such locks
+    fcntl = None  # type: ignore[assignment]
 
 from gpvo.errors import InputError
 
@@ -29,3 +35,32 @@ def make_folder(folder: Path | str, without: Iterable[str] = ()) -> Path:
     except OSError as error:
         raise InputError(f"{folder}: cannot be written to ({error.strerror})") from error
     return folder
+
+
+_claimed: dict[Path, int] = {}
+"""Descriptors of the folders that this process writes to, locked until it ends."""
+
+
+def claim_folder(folder: Path | str, without: Iterable[str] = ()) -> Path:
+    """Make a folder as `make_folder` does, for this process alone.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written to, or another process writes there.
+    """
+    folder = make_folder(folder)
+    place = folder.resolve()
+    if not os.access(place, os.W_OK):
+        raise InputError(f"{folder}: cannot be written to (Permission denied); give --output")
+    if fcntl is not None and place not in _claimed:
+        descriptor = os.open(place, os.O_RDONLY)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(descriptor)
+            raise InputError(
+                f"{folder}: another run writes there; wait for it, or give another --output"
+            ) from error
+        _claimed[place] = descriptor
+    return make_folder(folder, without)

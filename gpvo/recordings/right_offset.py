@@ -1,0 +1,79 @@
+"""A right camera whose stamps are late: its events are taken as early as they happened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from gpvo.errors import InputError
+from gpvo.recordings.base import Events, Recording, StereoEvents
+from gpvo.recordings.checks.clock_offset import clock_offset
+from gpvo.recordings.event_batches import stereo_batches
+
+LOOKED_AT = 20.0
+"""Seconds from the start of which the offset is found."""
+LENGTH = 0.1
+"""Duration of batches, seconds."""
+
+
+class ShiftedRecording(Recording):
+    """A recording with the right camera's stamps `late` seconds earlier; t = 0 stays."""
+
+    def __init__(self, recording: Recording, late: float) -> None:
+        self.recording, self.late = recording, late
+        self.path, self.rig, self.start_ns = recording.path, recording.rig, recording.start_ns
+        self.duration, self.format_name = recording.duration, recording.format_name
+        self.notes = recording.notes
+
+    def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
+        start, stop = max(start, 0.0), min(stop, float(np.nextafter(self.duration, np.inf)))
+        left = (batch.left for batch in self.recording.event_batches(start, stop))
+        yield from stereo_batches(left, self._right(start, stop), start, stop, LENGTH)
+
+    def _right(self, start: float, stop: float) -> Iterator[Events]:
+        for batch in self.recording.event_batches(start + self.late, stop + self.late):
+            earlier = replace(batch.right, t=np.round(batch.right.t - self.late, 9))
+            yield earlier.between(start, np.inf)
+
+    def fault_lines(self) -> list[str]:
+        return self.recording.fault_lines()
+
+
+def with_right_offset(recording: Recording, offset: str) -> Recording:
+    """Return the recording with the right camera's stamps earlier by an offset.
+
+    Parameters
+    ----------
+    offset
+        Seconds by which they are late, or auto to find it in the cameras' event rates.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or the rates show no clear offset.
+    """
+    late = found_offset(recording) if offset == "auto" else _seconds(offset)
+    return recording if late == 0 else ShiftedRecording(recording, late)
+
+
+def found_offset(recording: Recording) -> float:
+    """Find how late the right camera's stamps are, seconds; 0 if they are not."""
+    counts = [np.zeros(0, np.int64), np.zeros(0, np.int64)]
+    length = int(min(LOOKED_AT, recording.duration) * 1000) + 1
+    for batch in recording.event_batches(0.0, LOOKED_AT):
+        for side, events in enumerate((batch.left, batch.right)):
+            more = np.bincount((events.t * 1000).astype(np.int64), minlength=length)[:length]
+            counts[side] = more if len(counts[side]) == 0 else counts[side] + more
+    return clock_offset(*counts) or 0.0
+
+
+def _seconds(offset: str) -> float:
+    try:
+        late = float(offset)
+    except ValueError:
+        late = np.nan
+    if not np.isfinite(late):
+        raise InputError(f"--right-offset {offset}: give seconds, or auto")
+    return late
