@@ -16,6 +16,7 @@ from gpvo.recordings.base import Recording
 from gpvo.recordings.calibration.find import Calibration, rig_for
 from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.recordings.checks.sensor_size import check_sensor_size
+from gpvo.recordings.checks.time_unit import check_time_unit
 from gpvo.recordings.files.aedat4 import is_aedat4, open_aedat4
 from gpvo.recordings.files.hdf5_columns import M3ED, ColumnStream
 from gpvo.recordings.files.mvsec import MvsecRecording, is_mvsec
@@ -93,6 +94,7 @@ def open_recording(
     for candidate in FORMATS:
         if candidate.recognise(path):
             recording = candidate.open(path, calibration, left_topic, right_topic)
+            check_time_unit(recording)
             if not isinstance(calibration, StereoRig):
                 check_sensor_size(recording, calibration)
             return recording

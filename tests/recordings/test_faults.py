@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -10,7 +11,9 @@ import pytest
 from recording_files import event_rows, write_mvsec
 
 from gpvo.errors import InputError
-from gpvo.recordings import open_recording
+from gpvo.recordings import Events, Recording, StereoEvents, open_recording
+from gpvo.recordings.checks.time_unit import check_time_unit, fitting_unit
+from gpvo.recordings.event_batches import stereo_batches
 
 GOOD = event_rows(300, 1)
 
@@ -91,10 +94,62 @@ def test_times_that_go_backwards(
     tmp_path: Path, calibration: Path, block: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("gpvo.recordings.files.mvsec.BLOCK_ROWS", block)
-    early = GOOD[89, 2] - 0.001
+    early = GOOD[89, 2] - 0.011
     message = fault(write_mvsec(tmp_path / "a.hdf5", GOOD, changed(90, 2, early)), calibration)
     assert "davis/right/events row 90:" in message
     assert f"{early:.6f}" in message and f"{GOOD[89, 2]:.6f}" in message
+
+
+@pytest.mark.parametrize("block", [1, 7, 90, 300])
+def test_small_disorder_is_sorted_and_counted(
+    tmp_path: Path, calibration: Path, block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No more than 10 ms, also across blocks, at the beginning and at the end."""
+    monkeypatch.setattr("gpvo.recordings.files.mvsec.BLOCK_ROWS", block)
+    rng = np.random.default_rng(0)
+    order = np.argsort(GOOD[:, 2] + rng.uniform(0, 0.004, len(GOOD)), kind="stable")
+    path = write_mvsec(tmp_path / "a.hdf5", GOOD[order], GOOD)
+    recording = open_recording(path, calibration)
+    batches = list(recording.event_batches())
+    left, right = (
+        Events.concatenate(getattr(batch, side) for batch in batches) for side in ("left", "right")
+    )
+    np.testing.assert_array_equal(left.t, right.t)
+    np.testing.assert_array_equal(np.sort(left.x), np.sort(right.x))
+    (line,) = recording.fault_lines()
+    late = int((np.maximum.accumulate(GOOD[order, 2]) > GOOD[order, 2]).sum())
+    assert late > 0 and f"davis/left/events: {late} events out of order" in line
+    span = 0.4 * recording.duration, 0.6 * recording.duration
+    times = np.concatenate([batch.left.t for batch in recording.event_batches(*span)])
+    np.testing.assert_array_equal(times, right.between(*span).t)
+
+
+@pytest.mark.parametrize(
+    ("unit", "seconds"), [("milliseconds", 1e-3), ("microseconds", 1e-6), (None, 1.0)]
+)
+def test_times_in_another_unit_are_refused_with_its_name(unit: str | None, seconds: float) -> None:
+    """A hundred thousand events per second, stamped in whole microseconds."""
+    t = np.sort(np.random.default_rng(0).integers(0, 50_000, 5000)) * 1e-6 / seconds
+    pixels = np.zeros(len(t), np.uint16)
+    events = Events(pixels, pixels, t, pixels > 0)
+
+    class Stream(Recording):
+        path = Path("stream")
+
+        def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
+            return stereo_batches(iter([events]), iter([events]), 0.0, t[-1] + 1, t[-1] / 10)
+
+    if unit is None:
+        check_time_unit(Stream())
+        return
+    with pytest.raises(InputError, match=f"are the times {unit}\\? they must be seconds"):
+        check_time_unit(Stream())
+
+
+def test_few_events_per_second_in_seconds_are_no_other_unit() -> None:
+    """A quiet camera, whose stamps have the resolution of microseconds."""
+    t = np.sort(np.random.default_rng(0).uniform(0, 30, 3000)).round(6)
+    assert fitting_unit(t, 100.0) is None
 
 
 @pytest.mark.parametrize("block", [1, 7, 90, 300])

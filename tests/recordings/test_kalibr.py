@@ -86,14 +86,34 @@ def test_rectification_of_the_file_comes_first(rig: StereoRig, write_camchain: W
     half = np.diag([20.0, 20.0, 1.0])
     half[:2, 2] = rig.principal_point
     for camera, lens, offset in zip(
-        content.values(), (rig.left, rig.right), (0.0, -2.4), strict=True
+        content.values(), (rig.left, rig.right), (0.0, -2.08), strict=True
     ):
         camera["rectification_matrix"] = lens.R_rect.tolist()
         camera["projection_matrix"] = np.column_stack([half, [offset, 0.0, 0.0]]).tolist()
     ours = read_kalibr(write_camchain(content))
-    assert (ours.focal_length, ours.baseline) == (20.0, pytest.approx(0.12, abs=1e-15))
+    assert (ours.focal_length, ours.baseline) == (20.0, pytest.approx(0.104, abs=1e-15))
     assert ours.principal_point == rig.principal_point
     np.testing.assert_array_equal(ours.left.R_rect, rig.left.R_rect)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 1.3])
+def test_extrinsics_that_contradict_the_projections_are_refused(
+    rig: StereoRig, write_camchain: Write, factor: float
+) -> None:
+    """The sign of T_cn_cnm1 is easily mistaken; both cannot be right."""
+    content = camchain()
+    for camera, lens, offset in zip(
+        content.values(), (rig.left, rig.right), (0.0, -2.0), strict=True
+    ):
+        camera["rectification_matrix"] = lens.R_rect.tolist()
+        half = np.array([[20.0, 0, 32, offset], [0, 20.0, 24, 0], [0, 0, 1, 0]])
+        camera["projection_matrix"] = half.tolist()
+    read_kalibr(write_camchain(content))
+    T = np.array(content["cam1"]["T_cn_cnm1"])
+    T[:3, 3] *= factor
+    content["cam1"]["T_cn_cnm1"] = T.tolist()
+    with pytest.raises(InputError, match="cam1/T_cn_cnm1 contradicts projection_matrix"):
+        read_kalibr(write_camchain(content))
 
 
 def test_indoor_flying(shared: Path, write_camchain: Write) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,11 +16,19 @@ from gpvo.recordings.base import Events, Recording, StereoEvents
 from gpvo.recordings.calibration.find import Calibration, rig_for
 from gpvo.recordings.checks import columns
 from gpvo.recordings.checks.sensor_size import check_resolution
+from gpvo.recordings.checks.time_order import DISORDER_NS, SORTED
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5, read_column
+from gpvo.recordings.streams import Faults
+
+log = logging.getLogger("gpvo.recordings")
 
 SIDES = ("left", "right")
 TIME = 2
+DISORDER = DISORDER_NS * 1e-9
+"""Events that are late by less than this are sorted, seconds."""
+END_ROWS = 4096
+"""Rows at the end of a table, among which the latest event is."""
 BLOCK_ROWS = 1 << 19
 """Rows read at once, 16 MB; a multiple of the usual chunk sizes."""
 
@@ -58,6 +67,8 @@ class MvsecRecording(Recording):
         self.path = path
         self.rig = rig_for(path, calibration, "MVSEC's HDF5")
         self.batch_length = batch_length
+        self.faults = {side: Faults() for side in SIDES}
+        self._said: set[str] = set()
         with open_hdf5(path) as file:
             left, right = (self._table(file, side).span() for side in SIDES)
         columns.check_common_time(left, right, path, "davis/left/events and davis/right/events")
@@ -68,9 +79,24 @@ class MvsecRecording(Recording):
     def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
         start = max(start, 0.0)
         stop = min(stop, float(np.nextafter(self.duration, np.inf)))
+        self.faults = {side: Faults() for side in SIDES}
         with open_hdf5(self.path) as file:
-            left, right = (self._table(file, side).blocks(self._start, start) for side in SIDES)
+            left, right = (
+                self._table(file, side).blocks(self._start, start, self.faults[side])
+                for side in SIDES
+            )
             yield from stereo_batches(left, right, start, stop, self.batch_length)
+        for line in set(self.fault_lines()) - self._said:
+            log.warning("%s", line)
+            self._said.add(line)
+
+    def fault_lines(self) -> list[str]:
+        return [
+            f"{self.path}: davis/{side}/events: {count} {kind}"
+            for side, faults in self.faults.items()
+            for kind, count in sorted(faults.items())
+            if count
+        ]
 
     def _table(self, file: h5py.File, side: str) -> _EventTable:
         camera = self.rig.left if side == "left" else self.rig.right
@@ -105,41 +131,58 @@ class _EventTable:
         return float(time[0])
 
     def span(self) -> tuple[float, float]:
-        """Return the times of the first and the last row in seconds."""
+        """Return the times of the first and the latest event in seconds."""
         last_row = len(self.dataset) - 1
         first, last = self.seconds(0), self.seconds(last_row)
-        if last < first:
+        if last < first - DISORDER:
             raise InputError(
                 f"{self.where} row {last_row}: time {last:.6f} s is before {first:.6f} s of"
                 " row 0; sort the events by time"
             )
-        return first, last
+        ends = read_column(self.dataset, TIME, max(0, last_row - END_ROWS), last_row + 1)
+        begins = read_column(self.dataset, TIME, 0, min(END_ROWS, last_row + 1))
+        near = ends[np.abs(ends - last) < DISORDER], begins[np.abs(begins - first) < DISORDER]
+        return float(near[1].min()), float(near[0].max())
 
-    def blocks(self, origin: float, start: float) -> Iterator[Events]:
-        """Yield the checked events from `start` on, with times in seconds since `origin`."""
+    def blocks(self, origin: float, start: float, faults: Faults) -> Iterator[Events]:
+        """Yield the checked events from `start` on, with times in seconds since `origin`.
+
+        Those that are late by less than `DISORDER` are sorted and counted. The latest ones wait
+        until the next block cannot hold earlier ones.
+        """
         rows = range(len(self.dataset))
-        row = bisect_left(rows, start, key=lambda row: self.seconds(row) - origin)
-        before = -np.inf if row == 0 else self.seconds(row - 1)
-        end = self.seconds(rows[-1])
+        begin = start - DISORDER
+        row = bisect_left(rows, begin, key=lambda row: self.seconds(row) - origin)
+        latest = -np.inf if row == 0 else self.seconds(row - 1)
+        end, waiting = self.seconds(rows[-1]), Events.empty()
         for first_row in range(row, len(rows), BLOCK_ROWS):
-            events, before = self._block(first_row, origin, before)
-            if before > end:
+            events, latest = self._block(first_row, origin, latest, faults)
+            if latest > end + DISORDER:
                 # Times decrease further down, perhaps after the row where a reader stops.
                 last_row = min(first_row + BLOCK_ROWS, len(rows)) - 1
                 raise InputError(
-                    f"{self.where} row {rows[-1]}: time {end:.6f} s is before {before:.6f} s of"
+                    f"{self.where} row {rows[-1]}: time {end:.6f} s is before {latest:.6f} s of"
                     f" row {last_row}; sort the events by time"
                 )
-            yield events
+            both = _sorted(Events.concatenate([waiting, events]))
+            yield both.between(start, latest - origin - DISORDER)
+            waiting = both.between(latest - origin - DISORDER, np.inf)
+        yield waiting.between(start, np.inf)
 
-    def _block(self, first_row: int, origin: float, before: float) -> tuple[Events, float]:
-        """Return the events of one block and the absolute time of its last row."""
+    def _block(
+        self, first_row: int, origin: float, latest: float, faults: Faults
+    ) -> tuple[Events, float]:
+        """Return the events of one block, in the order of the file, and the latest time so far."""
         stop_row = min(first_row + BLOCK_ROWS, len(self.dataset))
         # Column by column: a third faster than whole rows on MVSEC's column-wise chunks.
         x, y, seconds, polarity = (
             read_column(self.dataset, column, first_row, stop_row) for column in range(4)
         )
-        columns.check_times(seconds, before, self.where, first_row)
+        in_order = np.maximum.accumulate(np.append(latest, seconds))
+        late = in_order[:-1] - seconds
+        small = late < DISORDER
+        faults[SORTED] += int((small & (late > 0)).sum())
+        columns.check_times(np.where(small, in_order[1:], seconds), latest, self.where, first_row)
         width, height = self.resolution
         events = Events(
             columns.pixels(x, width, "x", self.where, first_row),
@@ -147,7 +190,14 @@ class _EventTable:
             seconds - origin,
             columns.polarities(polarity, self.where, first_row),
         )
-        return events, float(seconds[-1])
+        return events, float(in_order[-1])
+
+
+def _sorted(events: Events) -> Events:
+    """Return the events in order of time; those of one time keep their order."""
+    if len(events) < 2 or (np.diff(events.t) >= 0).all():
+        return events
+    return events[np.argsort(events.t, kind="stable")]
 
 
 def _is_event_table(item: h5py.Dataset | h5py.Group) -> bool:
