@@ -76,7 +76,7 @@ def single_factors(table: Table) -> None:
     table.add_row("an empty callback, four blocks one by one, us", f"{us['one by one']:.1f}", "")
     table.add_row("  four blocks at once, us", f"{us['at once']:.1f}", "")
     table.add_row("WnoaPriorFactor, us", f"{us['prior']:.1f}", "")
-    table.add_row("  to native", f"{us['prior'] / us['native prior']:.2f}", "<= 3")
+    table.add_row("  to native", f"{us['prior'] / us['native prior']:.2f}", "<= 2.5")
     table.add_row("StereoReprojectionFactor, us", f"{us['stereo']:.1f}", "<= 15")
     table.add_row("InterpolatedStereoFactor, us", f"{us['interpolated']:.1f}", "")
     name = "structureless factor of one landmark, 10 measurements, us"

@@ -8,10 +8,9 @@ from numpy.typing import ArrayLike
 
 from factors.checks import Pose, checked_key, checked_noise, checked_pose, checked_vector
 from factors.factor import Factor
-from factors.inner_factor import inner_of
 from factors.jacobian_blocks import JacobianBlocks, Jacobians
-from factors.kernels.outputs import Addresses, error_at, jacobian_at
-from factors.kernels.se3 import Array, kernel, log_kernel
+from factors.kernels.outputs import Addresses, jacobian_at
+from factors.kernels.se3 import Array, kernel
 from factors.variables import BIAS, POSE3, TWIST, State, Variable, as_state
 
 _BLOCKS = JacobianBlocks(9, (6, 6, 6, 6, 6))
@@ -124,30 +123,23 @@ class ImuFactor(Factor):
                 f"preintegrated must last from state_i to state_j, {duration} s, not "
                 f"{preintegrated.deltaTij()} s"
             )
-        inner = inner_of(gtsam.ImuFactor(0, 1, 2, 3, 4, preintegrated))
+        native = gtsam.ImuFactor(0, 1, 2, 3, 4, preintegrated)
         (pose_i, velocity_i, _), (pose_j, velocity_j, _) = states
-        identity = gtsam.Values()
-        for key in (0, 2):
-            identity.insert(key, gtsam.Pose3())
-            identity.insertPoint3(key + 1, np.zeros(3))
-        identity.insert(4, gtsam.imuBias.ConstantBias())
 
         def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
-            T_i, v_i = values.atPose3(pose_i).matrix(), values.atVector6(velocity_i)
-            T_j, v_j = values.atPose3(pose_j).matrix(), values.atVector6(velocity_j)
-            step, steps = gtsam.VectorValues(), np.empty((4, 6))
-            _in_world_kernel(T_i, v_i, T_j, v_j, steps)
-            for key in (0, 2):
-                step.insert(key, steps[key])
-                step.insert(key + 1, steps[key + 1, :3])
-            step.insert(4, values.atConstantBias(bias).vector())
-            at = identity.retract(step)  # much faster than inserting each
+            T_i, T_j = values.atPose3(pose_i), values.atPose3(pose_j)
+            twists = values.atVector6(velocity_i), values.atVector6(velocity_j)
+            ends, in_world = (T_i.matrix(), T_j.matrix(), *twists), np.empty((2, 3))
+            _in_world_kernel(*ends, in_world)
+            at = T_i, in_world[0], T_j, in_world[1], values.atConstantBias(bias)
             if jacobians is None:
-                return inner.error(at)
-            own = _BLOCKS.own
-            _by_twists_kernel(inner.system(at), T_i, v_i, T_j, v_j, own.outputs)
+                return native.evaluateError(*at)
+            own, by_v = _BLOCKS.own, np.empty((9, 6), order="F")
+            by_T_i, _, by_T_j, _, by_bias = own.views
+            found = native.evaluateError(*at, by_T_i, by_v[:, :3], by_T_j, by_v[:, 3:], by_bias)
+            _by_twists_kernel(*ends, by_v, own.outputs)
             own.copy_to(jacobians)
-            return own.error
+            return found
 
         variables = [
             Variable("pose_i", pose_i, POSE3),
@@ -157,44 +149,33 @@ class ImuFactor(Factor):
             Variable("bias", bias, BIAS),
         ]
         made_of = {"preintegrated": preintegrated, "state_i": states[0], "state_j": states[1]}
-        super().__init__(inner.model, variables, error, {**made_of, "bias": bias})
+        super().__init__(native.noiseModel(), variables, error, {**made_of, "bias": bias})
 
 
 @kernel
-def _in_world_kernel(T_i: Array, v_i: Array, T_j: Array, v_j: Array, steps: Array) -> None:
-    """Write the logarithms (6,) of both poses, each before the velocity in the world, (3,)."""
-    for T, v, row in ((T_i, v_i, 0), (T_j, v_j, 2)):
-        xi = log_kernel(T)
-        for k in range(6):
-            steps[row, k] = xi[k]
-        for k in range(3):
-            steps[row + 1, k] = T[k, 0] * v[3] + T[k, 1] * v[4] + T[k, 2] * v[5]
+def _in_world_kernel(T_i: Array, T_j: Array, v_i: Array, v_j: Array, in_world: Array) -> None:
+    """Write the velocities (2, 3) in the world, R v."""
+    for k in range(3):
+        in_world[0, k] = T_i[k, 0] * v_i[3] + T_i[k, 1] * v_i[4] + T_i[k, 2] * v_i[5]
+        in_world[1, k] = T_j[k, 0] * v_j[3] + T_j[k, 1] * v_j[4] + T_j[k, 2] * v_j[5]
 
 
 @kernel
 def _by_twists_kernel(
-    system: Array, T_i: Array, v_i: Array, T_j: Array, v_j: Array, outputs: Addresses
+    T_i: Array, T_j: Array, v_i: Array, v_j: Array, by_v: Array, outputs: Addresses
 ) -> None:
-    """Write the error (9,) of the system [J, -e] (9, 25) of gtsam.ImuFactor, and its Jacobians.
+    """Turn Jacobians by the velocities in the world, (9, 3) each, into those by twists.
 
     The velocity R v turns with the pose, by -R [v]x, and moves with the twist, by R.
     """
-    error, by_bias = error_at(outputs, 9), jacobian_at(outputs, 4, 9, 6)
-    for r in range(9):
-        error[r] = -system[r, 24]
-        for k in range(6):
-            by_bias[r, k] = system[r, 18 + k]
     for T, v, end in ((T_i, v_i, 0), (T_j, v_j, 1)):
-        first = 9 * end
         by_pose = jacobian_at(outputs, 2 * end, 9, 6)
         by_twist = jacobian_at(outputs, 2 * end + 1, 9, 6)
         for r in range(9):
-            for k in range(6):
-                by_pose[r, k] = system[r, first + k]
             for k in range(3):
                 by_twist[r, k], by_twist[r, 3 + k] = 0.0, 0.0
                 for m in range(3):
-                    by_twist[r, 3 + k] += system[r, first + 6 + m] * T[m, k]
+                    by_twist[r, 3 + k] += by_v[r, 3 * end + m] * T[m, k]
             x, y, z = by_twist[r, 3], by_twist[r, 4], by_twist[r, 5]
             by_pose[r, 0] += v[4] * z - v[5] * y
             by_pose[r, 1] += v[5] * x - v[3] * z

@@ -38,6 +38,7 @@ from factors.variables import (
     are_states,
     as_state,
     checked_time_between,
+    named_arguments,
 )
 
 _BLOCKS = JacobianBlocks(3, (6, 6, 6, 6, 3))
@@ -161,8 +162,7 @@ class InterpolatedStereoFactor(Factor):
     ) -> None: ...
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        states = are_states(args, kwargs, place=2)
-        made_of = (_by_states if states else _by_keys)(*args, **kwargs)
+        made_of = _checked(**_by_states(args, kwargs))
         (pose_i, velocity_i, t_i), (pose_j, velocity_j, t_j) = (
             made_of["state_i"],
             made_of["state_j"],
@@ -200,7 +200,22 @@ class InterpolatedStereoFactor(Factor):
         super().__init__(made_of["model"], variables, error, made_of)
 
 
-def _by_states(
+def _by_states(args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str, Any]:
+    """Name the arguments, with states instead of keys and times."""
+    before, after = ("measured", "model"), ("landmark", "camera")
+    options = {"qc": None, "T_body_cam": None}
+    if are_states(args, kwargs, place=2):
+        names = (*before, "state_i", "state_j", *after, "t")
+        return named_arguments(names, options, args, kwargs)
+    keys = [f"{role}_{end}" for end in "ij" for role in ("pose", "velocity")]
+    given = named_arguments((*before, *keys, *after, "t_i", "t_j", "t"), options, args, kwargs)
+    for end in "ij":
+        parts = (given.pop(f"{part}_{end}") for part in ("pose", "velocity", "t"))
+        given[f"state_{end}"] = tuple(parts)
+    return given
+
+
+def _checked(
     measured: StereoMeasurement,
     model: gtsam.noiseModel.Base,
     state_i: State,
@@ -208,10 +223,10 @@ def _by_states(
     landmark: int,
     camera: Camera,
     t: float,
-    qc: ArrayLike | None = None,
-    T_body_cam: Pose | None = None,
+    qc: ArrayLike | None,
+    T_body_cam: Pose | None,
 ) -> dict[str, Any]:
-    """Check and name the arguments of a factor between states."""
+    """Check the arguments of a factor between states."""
     if qc is not None:
         power_spectral_density(qc)
     measurement, noise = stereo_measurement(measured, model)
@@ -226,23 +241,3 @@ def _by_states(
         "t": checked_time_between(t, *states),
         "T_body_cam": None if T_body_cam is None else checked_pose("T_body_cam", T_body_cam),
     }
-
-
-def _by_keys(
-    measured: StereoMeasurement,
-    model: gtsam.noiseModel.Base,
-    pose_i: int,
-    velocity_i: int,
-    pose_j: int,
-    velocity_j: int,
-    landmark: int,
-    camera: Camera,
-    t_i: float,
-    t_j: float,
-    t: float,
-    qc: ArrayLike | None = None,
-    T_body_cam: Pose | None = None,
-) -> dict[str, Any]:
-    """Check and name the arguments of a factor between keys."""
-    states = (pose_i, velocity_i, t_i), (pose_j, velocity_j, t_j)
-    return _by_states(measured, model, *states, landmark, camera, t, qc, T_body_cam)

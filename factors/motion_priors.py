@@ -7,7 +7,7 @@ dt a_i, u - a_i]. Barfoot, "State Estimation for Robotics", chapter 11; Tang, Yo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar, overload
 
 import gtsam
@@ -26,7 +26,7 @@ from factors.kernels.local_variables import EXACT, FIRST_ORDER
 from factors.kernels.se3 import Array
 from factors.prior_error import PriorError
 from factors.spaces import IN_PLANE, IN_SPACE, ROTATIONS, Space
-from factors.variables import State, Variable, are_states
+from factors.variables import State, Variable, are_states, named_arguments
 from factors.wnoa import whitening
 
 
@@ -92,7 +92,7 @@ class MotionPrior(Factor):
         """Check and name the arguments, whichever way they are given."""
         names = cls._key_names()
         if are_states(args, kwargs):
-            given = _named(("state_i", "state_j", "qc"), cls.options, args, kwargs)
+            given = named_arguments(("state_i", "state_j", "qc"), cls.options, args, kwargs)
             *keys_i, t_i = _parts("state_i", given.pop("state_i"), cls.order)
             *keys_j, t_j = _parts("state_j", given.pop("state_j"), cls.order)
             if not t_i < t_j:
@@ -100,7 +100,7 @@ class MotionPrior(Factor):
             given |= zip(names, (*keys_i, *keys_j), strict=True)
             given["dt"] = t_j - t_i
         else:
-            given = _named((*names, "dt", "qc"), cls.options, args, kwargs)
+            given = named_arguments((*names, "dt", "qc"), cls.options, args, kwargs)
         keys = {name: checked_key(name, given[name]) for name in names}
         dt, qc = checked_duration(given["dt"]), np.atleast_1d(checked_numbers("qc", given["qc"]))
         return {**keys, "dt": dt, "qc": qc, **{name: given[name] for name in cls.options}}
@@ -127,25 +127,6 @@ class MotionPrior(Factor):
         size = 2 * self._prior.size
         joint = checked_array("joint_covariance", joint_covariance, (size, size))
         return self._prior.covariance(values, state, float(t), joint)
-
-
-def _named(
-    names: Sequence[str], options: Mapping[str, Any], args: tuple[Any, ...], kwargs: dict[str, Any]
-) -> dict[str, Any]:
-    """Name positional arguments, the last of which are options with these defaults.
-
-    Raises
-    ------
-    TypeError
-        If one is missing, unknown or given twice.
-    """
-    every = (*names, *options)
-    given = dict(zip(every, args, strict=False))
-    twice, unknown = given.keys() & kwargs.keys(), kwargs.keys() - set(every)
-    missing = set(names) - given.keys() - kwargs.keys()
-    if len(args) > len(every) or twice or unknown or missing:
-        raise TypeError(f"arguments must be {', '.join(every)}, once each")
-    return {**options, **given, **kwargs}
 
 
 def _parts(name: str, state: Any, order: int) -> list[Any]:

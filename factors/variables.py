@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import gtsam
@@ -122,6 +122,25 @@ def are_states(args: Sequence[Any], kwargs: dict[str, Any], place: int = 0) -> b
     if len(args) > place:
         return not isinstance(args[place], int | np.integer)
     return "state_i" in kwargs
+
+
+def named_arguments(
+    names: Sequence[str], options: Mapping[str, Any], args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> dict[str, Any]:
+    """Name positional arguments, the last of which are options with these defaults.
+
+    Raises
+    ------
+    TypeError
+        If one is missing, unknown or given twice.
+    """
+    every = (*names, *options)
+    given = dict(zip(every, args, strict=False))
+    twice, unknown = given.keys() & kwargs.keys(), kwargs.keys() - set(every)
+    missing = set(names) - given.keys() - kwargs.keys()
+    if len(args) > len(every) or twice or unknown or missing:
+        raise TypeError(f"arguments must be {', '.join(every)}, once each")
+    return {**options, **given, **kwargs}
 
 
 def checked_time_between(

@@ -29,6 +29,7 @@ from factors.kernels.se3 import (
     relative_kernel,
     se3_polynomial_kernel,
 )
+from factors.kernels.triangular import factorize_kernel, solve_lower_kernel
 
 Index = NDArray[np.int64]
 
@@ -207,38 +208,17 @@ def whiten_between_kernel(
     total = covariance.copy()
     if t[0] > 0 and t[1] > 0:
         root = information_between_kernel(T_i, v_i, T, v, T_j, v_j, t, W)
-        _factorize_kernel(root)
+        factorize_kernel(root)
         spread = np.zeros((12, m))
         for half in range(2):
             if places[half] >= 0:
                 for i in range(6):
                     for r in range(m):
                         spread[6 * half + i, r] = system[r, places[half] + i]
-        _solve_kernel(root, spread)
+        solve_lower_kernel(root, spread)
         for i in range(m):
             for j in range(m):
                 for k in range(12):
                     total[i, j] += spread[k, i] * spread[k, j]
-    _factorize_kernel(total)
-    _solve_kernel(total, system)
-
-
-@inner_kernel
-def _factorize_kernel(A: Array) -> None:
-    """Replace the lower triangle of a positive definite matrix by that of its root L, LLᵀ = A."""
-    for i in range(len(A)):
-        for j in range(i + 1):
-            value = A[i, j]
-            for k in range(j):
-                value -= A[i, k] * A[j, k]
-            A[i, j] = np.sqrt(value) if i == j else value / A[j, j]
-
-
-@inner_kernel
-def _solve_kernel(L: Array, B: Array) -> None:
-    """Replace B by L⁻¹ B, of a lower triangular matrix."""
-    for j in range(B.shape[1]):
-        for i in range(len(L)):
-            for k in range(i):
-                B[i, j] -= L[i, k] * B[k, j]
-            B[i, j] /= L[i, i]
+    factorize_kernel(total)
+    solve_lower_kernel(total, system)

@@ -14,6 +14,7 @@ from factors.kernels.se3 import (
     relative_kernel,
     se3_polynomial_kernel,
 )
+from factors.kernels.triangular import factorize_kernel, solve_lower_kernel
 from factors.structureless.landmark_kernels import Index, pose_rows_kernel, prior_rows_kernel
 
 
@@ -141,7 +142,9 @@ def known_from_kernel(
                     noise[i, j] += root[k, i, m] * root[k, j, m] * moved[m] * moved[m]
                 for m in range(width, turned.shape[2]):
                     noise[i, j] += turned[k, i, m] * turned[k, j, m]
-        _whiten_rows_kernel(noise, root[k], rows[k])
+        factorize_kernel(noise)
+        solve_lower_kernel(noise, root[k])
+        solve_lower_kernel(noise, rows[k])
 
 
 @inner_kernel
@@ -157,24 +160,3 @@ def _inverse_kernel(rows: Array, inverse: Array) -> None:
     for i in range(3):
         for j in range(3):
             inverse[i, j] /= determinant
-
-
-@inner_kernel
-def _whiten_rows_kernel(noise: Array, first: Array, others: Array) -> None:
-    """Multiply rows by the inverse of the Cholesky factor of the noise (3, 3), its lower half."""
-    for i in range(3):
-        for m in range(i):
-            scale = noise[i, m]
-            for j in range(i, 3):
-                noise[j, i] -= scale * noise[j, m]
-            for j in range(3):
-                first[i, j] -= scale * first[m, j]
-            for j in range(others.shape[1]):
-                others[i, j] -= scale * others[m, j]
-        unit = 1 / np.sqrt(noise[i, i])
-        for j in range(i, 3):
-            noise[j, i] *= unit
-        for j in range(3):
-            first[i, j] *= unit
-        for j in range(others.shape[1]):
-            others[i, j] *= unit
