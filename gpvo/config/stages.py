@@ -346,7 +346,7 @@ class EstimatorConfig(StageConfig):
         "alone, every state and landmark a variable of a GTSAM graph, as in the paper.",
     )
     interval: float = Field(
-        0.04,
+        0.02,
         ge=0,
         description="Shortest time between two updates, seconds: shorter clusters are estimated "
         "together. 0 updates at every cluster, as in the paper.",
