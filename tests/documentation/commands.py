@@ -41,11 +41,11 @@ def run(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def is_run_elsewhere(command: str) -> bool:
     """Return whether another test runs a command, or its module of benchmarks or examples."""
-    module = re.match(r"python -m ((?:benchmarks|examples)\.\w+)", command)
+    module = re.match(r"python -m (benchmarks|examples|docs)\.(\w+)", command)
     if module:
-        tests = [path.read_text() for path in (REPOSITORY / "tests").rglob("test_*.py")]
-        path = REPOSITORY / (module[1].replace(".", "/") + ".py")
-        name = module[1].rpartition(".")[2]
-        return path.exists() and any(module[1] in text or f'"{name}"' in text for text in tests)
+        folder, name = module.groups()
+        imported = re.compile(rf"{folder}\.{name}\b|from {folder} import .*\b{name}\b|\"{name}\"")
+        tests = (path.read_text() for path in (REPOSITORY / "tests").rglob("test_*.py"))
+        return any(imported.search(text) for text in tests if folder in text)
     places = [place for pattern, place in ELSEWHERE.items() if re.fullmatch(pattern, command)]
     return any((REPOSITORY / place).exists() for place in places)

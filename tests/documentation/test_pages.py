@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,29 @@ from gpvo import Configuration
 from gpvo.recordings import read_kalibr
 from gpvo.simulation import SimulationConfig
 
+FIRST_STEPS = REPOSITORY / "docs" / "first_steps.md"
 WITH_BLOCKS = [page for page in PAGES if blocks(page)]
 
 
-@pytest.mark.parametrize("page", WITH_BLOCKS, ids=name)
+@pytest.mark.parametrize("page", [page for page in WITH_BLOCKS if page != FIRST_STEPS], ids=name)
 def test_blocks_of_a_page(page: Path, room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_blocks(page, monkeypatch)
+
+
+def test_first_steps_write_the_files_that_they_name(
+    room: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_blocks(FIRST_STEPS, monkeypatch)
+    rows = re.findall(r"^\| (`[a-z].*?`) \| ", FIRST_STEPS.read_text(), re.M)
+    files = {file.strip("`") for row in rows for file in row.split(", ")}
+    assert len(files) > 6
+    assert files <= {path.name for path in (room / "results" / "room").iterdir()}
+    written = room / "results" / "room" / "trajectory.tum"
+    assert (room / "trajectory.tum").read_bytes() == written.read_bytes()  # by Python, too
+
+
+def run_blocks(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the blocks of a page in their order."""
     names: dict[str, Any] = {"__name__": "page"}
     for block in blocks(page):
         if block.language == "python":

@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
-from commands import run
+from commands import is_run_elsewhere, run
 from pages import PAGES, REPOSITORY, blocks, name
 
 from docs.make_pictures import EXAMPLES, PICTURES, RESULTS
-from gpvo import Configuration, Odometry, open_recording
-from gpvo.trajectory import read_tum
+from gpvo import Configuration
+from gpvo.commands.cli import COMMANDS
 
 README = REPOSITORY / "README.md"
 FOLDERS = "gpvo|factors|tests|examples|benchmarks|docs|constraints"
@@ -41,22 +40,6 @@ def test_the_readme_is_one_screen() -> None:
     assert len(TEXTS[README].splitlines()) <= 90
 
 
-def test_result_files_that_first_steps_names_are_written(
-    room: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    text = TEXTS[REPOSITORY / "docs" / "first_steps.md"]
-    (command,) = re.findall(r"^gpvo run .*", text, re.M)
-    run(command, monkeypatch)
-    listed = {file for row in re.findall(r"^\| (`.*?) \|", text, re.M) for file in row.split(", ")}
-    files = {file.strip("`") for file in listed if "." in file}
-    assert len(files) > 6
-    assert files <= {path.name for path in (room / "results" / "room").iterdir()}
-    poses = read_tum(room / "results" / "room" / "trajectory.tum")
-    recording = open_recording("room_data.hdf5", "camchain.yaml")
-    trajectory = Odometry(recording.rig).run(recording)
-    assert np.array_equal(poses.stamps_ns, trajectory.stamps_ns(trajectory.t))
-
-
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_fields_and_files_that_a_page_names_exist(page: Path) -> None:
     for text in re.findall(r"`((?:[a-z_]+\.)*[a-z_]+: [^`]+)`", TEXTS[page]):
@@ -65,6 +48,17 @@ def test_fields_and_files_that_a_page_names_exist(page: Path) -> None:
         assert (REPOSITORY / file).exists(), file
     for link in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", TEXTS[page]):
         assert (page.parent / link).exists(), link
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_commands_in_the_text_of_a_page_exist(page: Path) -> None:
+    text = re.sub(r"^```.*?^```$", "", TEXTS[page], flags=re.M | re.S)
+    for command in re.findall(r"`((?:python -m|pip install|gpvo) [^`A-Z]+)`", text):
+        program, _, rest = command.partition(" ")
+        if program == "gpvo":
+            assert rest.split()[0] in COMMANDS, command
+        else:
+            assert is_run_elsewhere(command), command
 
 
 def nested(text: str) -> dict:
