@@ -12,6 +12,9 @@ from rich.progress import BarColumn, Progress, TextColumn
 from gpvo.cluster_report import ClusterReport
 from gpvo.live.session import LiveSession
 
+LINES = 20
+"""Number of lines of a run's progress where there is no terminal, but a pipe or a file."""
+
 
 @contextmanager
 def run_progress(
@@ -23,12 +26,12 @@ def run_progress(
         BarColumn(),
         TextColumn("{task.fields[speed]}"),
     )
-    events, began = 0, time.perf_counter()
-    with Progress(*columns, console=console) as bar:
+    events, began, said = 0, time.perf_counter(), start
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=stop - start, seconds=0.0, speed="")
 
         def advance(report: ClusterReport) -> None:
-            nonlocal events
+            nonlocal events, said
             events += report.events
             spent, done = time.perf_counter() - began, report.stop - start
             speed = (
@@ -36,6 +39,9 @@ def run_progress(
                 f" tracklets, {done / spent:.2f} x real time"
             )
             bar.update(task, completed=done, seconds=done, speed=speed)
+            if not console.is_terminal and report.stop >= said + (stop - start) / LINES:
+                said = report.stop
+                console.print(f"{done:.2f} of {stop - start:.2f} s: {speed}", highlight=False)
 
         yield advance
 

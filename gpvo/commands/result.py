@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.table import Table
 
 from gpvo.cluster_report import ClusterReport
@@ -20,7 +21,7 @@ from gpvo.evaluation import Evaluation, evaluate
 from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import COST_FILE
-from gpvo.evaluation.report.weak_stretches import weak_stretches
+from gpvo.evaluation.report.weak_stretches import shaded_stretches
 from gpvo.trajectory import StampedPoses, Trajectory, write_tum
 from gpvo.trajectory.whole_file import whole_file
 from gpvo.verdict import Verdict
@@ -135,6 +136,14 @@ class Result:
             table.add_row(name, value)
         return table
 
+    def _deviations(self) -> NDArray[np.float64]:
+        """Standard deviations (N, 2) of rotation, rad, and position, m, at the compared poses."""
+        assert self.evaluation is not None
+        t = (self.evaluation.estimate.stamps_ns - self.trajectory.start_ns) / 1e9
+        t = np.clip(t, self.trajectory.start, self.trajectory.stop)
+        variance = np.diagonal(self.trajectory.covariance(t)[:, :6, :6], axis1=1, axis2=2)
+        return np.asarray(np.sqrt(variance.reshape(-1, 2, 3).sum(axis=2)), np.float64)
+
     def _write_plots(self, folder: Path, kind: str) -> None:
         # matplotlib is slow to import
         from gpvo.evaluation.report.plots import (
@@ -149,13 +158,18 @@ class Result:
             "tracklets": [report.tracklets for report in self.reports],
             "inliers": [report.inliers for report in self.reports],
         }
-        figure = series_figure(middle, counts, "tracklets per cluster", whole_numbers=True)
+        spans = [(one.start, one.stop) for one in self.verdict.stretches]
+        shaded = {"dead reckoning": spans}
+        figure = series_figure(middle, counts, "tracklets per cluster", True, shaded)
         save_figure(figure, folder / f"tracklets.{kind}")
         if self.evaluation is None:
             path = path_figure({"gpvo": self.trajectory.stamped_poses()}, None)
         else:
             path = path_figure({"gpvo": self.evaluation.estimate}, self.evaluation.ground_truth)
-            figure = error_figure([self.evaluation], stretches=weak_stretches(self.trajectory))
+            stretches = shaded_stretches(self.trajectory, spans, "dead reckoning")
+            figure = error_figure(
+                [self.evaluation], stretches=stretches, deviations=self._deviations()
+            )
             save_figure(figure, folder / f"error.{kind}")
         save_figure(path, folder / f"path.{kind}")
 

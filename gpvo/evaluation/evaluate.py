@@ -31,6 +31,8 @@ from gpvo.trajectory.stamped_poses import seconds_text
 
 Interpolation = Literal["linear", "gp"]
 
+TURN = 0.02
+"""Largest turn about the path by which position errors may mislead an alignment, rad."""
 ATE_ALIGNMENTS: tuple[AlignmentMethod, ...] = ("se3", "sim3", "yaw", "first", "none")
 
 
@@ -75,6 +77,18 @@ class Evaluation:
     def distances(self) -> NDArray[np.float64]:
         """(N,) distance that the ground truth has travelled at every stamp, metres."""
         return pose_progress(self.ground_truth, "metres")
+
+    @property
+    def width(self) -> float:
+        """RMS distance of the true positions from the line that fits them best, metres."""
+        positions = self.ground_truth.positions
+        spread = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
+        return float(np.linalg.norm(spread[1:]) / np.sqrt(len(positions)))
+
+    @property
+    def aligned_rotation_is_known(self) -> bool:
+        """Whether the alignment of positions leaves no turn about a nearly straight path."""
+        return self.ate["se3"].translation.rmse <= TURN * self.width
 
     @property
     def drift_percent(self) -> float:

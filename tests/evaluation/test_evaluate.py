@@ -96,6 +96,22 @@ def test_an_evaluation_prints_in_eighty_columns(random_walk):
         assert word in text
 
 
+@pytest.mark.parametrize("lateral", [0.002, 1.0])
+def test_an_aligned_rotation_about_a_straight_path_is_said_to_mean_nothing(lateral):
+    """Errors of 5 mm turn the alignment of a path that is 2 mm wide by any angle."""
+    rng, t = np.random.default_rng(0), np.arange(200)
+    positions = np.column_stack([0.01 * t, lateral * np.sin(t / 20), lateral * np.cos(t / 20)])
+    T = np.tile(np.eye(4), (200, 1, 1))
+    T[:, :3, 3] = positions
+    truth = StampedPoses(10_000_000 * t, T.copy())
+    T[:, :3, 3] += rng.normal(0, 0.003, (200, 3))
+    evaluation = evaluate(StampedPoses(10_000_000 * t, T), truth)
+    assert evaluation.width == pytest.approx(lateral, rel=0.2)
+    rows = [[cell.text for cell in row] for row in evaluation_tables(evaluation)[2].rows]
+    said = ["aligned rotation says nothing", "path within 0.00 m of a line"] in rows
+    assert said == (lateral < 0.01) == (not evaluation.aligned_rotation_is_known)
+
+
 def test_the_gp_follows_a_sparse_ground_truth_better_than_lines(random_walk):
     """The walk is a sample of the process; an exact estimate leaves the error of interpolation."""
     dense = random_walk(1, 400)

@@ -33,6 +33,30 @@ def test_errors_are_drawn_over_path_and_time(evaluations):
         assert len(axes[0].patches) == 1
 
 
+def test_bands_are_three_standard_deviations(evaluations):
+    first = evaluations[0]
+    deviations = np.tile([0.01, 0.2], (len(first.estimate), 1))
+    translation, rotation, _ = error_figure([first], deviations=deviations).axes
+    for axes, height in ((translation, 0.6), (rotation, np.degrees(0.03))):
+        (band,) = axes.collections
+        assert band.get_paths()[0].get_extents().ymax == pytest.approx(height)
+
+
+def test_stretches_are_shaded_in_curves():
+    shaded = {"dead reckoning": [(0.2, 0.4), (0.6, 0.9)]}
+    (axes,) = series_figure([0.0, 1.0], {"inliers": [3, 4]}, "inliers", shaded=shaded).axes
+    assert [patch.get_x() for patch in axes.patches] == pytest.approx([0.2, 0.6])
+
+
+@pytest.mark.parametrize("kind", ["pdf", "svg"])
+def test_equal_figures_are_equal_files_in_every_format(tmp_path, kind):
+    for name in ("first", "second"):
+        figure = series_figure([0.0, 1.0], {"inliers": [3, 4]}, "inliers")
+        save_figure(figure, tmp_path / f"{name}.{kind}")
+    first, second = ((tmp_path / f"{name}.{kind}").read_bytes() for name in ("first", "second"))
+    assert first == second and (b"%PDF" in first or b"<svg" in first)
+
+
 def test_paths_start_where_the_ground_truth_starts(evaluations):
     estimates = {one.name: one.estimate for one in evaluations}
     truth = evaluations[0].ground_truth

@@ -13,7 +13,7 @@ from gpvo.evaluation.report.table import Cell, ResultTable
 COMPONENT_LABELS: dict[Component, str] = {
     "translation": "tran. (m)",
     "rotation": "rota. (rad)",
-    "se3": "SE(3)",
+    "se3": "SE(3) (m, rad)",
 }
 
 
@@ -123,8 +123,16 @@ def summary_table(evaluations: Sequence[Evaluation], sequence: str = "") -> Resu
     for label, describe in PLAIN_ROWS:
         plain = (Cell(describe(evaluation)) for evaluation in evaluations)
         rows.append((Cell(label), *plain))
+    if not all(one.aligned_rotation_is_known for one in evaluations):
+        notes = ("" if one.aligned_rotation_is_known else _straight(one) for one in evaluations)
+        rows.append((Cell("aligned rotation says nothing"), *map(Cell, notes)))
     title = f"{sequence}: trajectory error (RMSE)" if sequence else "Trajectory error (RMSE)"
     return ResultTable(title, ("", *(one.name for one in evaluations)), tuple(rows), len(rows))
+
+
+def _straight(evaluation: Evaluation) -> str:
+    """Say why the aligned rotation means nothing."""
+    return f"path within {evaluation.width:.2f} m of a line"
 
 
 def metres(value: float) -> str:

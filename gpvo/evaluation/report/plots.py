@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from factors.lie import se3_inverse
 from gpvo.evaluation.evaluate import Evaluation
@@ -83,6 +84,7 @@ def error_figure(
     evaluations: Sequence[Evaluation],
     over: str = "time",
     stretches: Sequence[Stretch] = (),
+    deviations: NDArray[np.float64] | None = None,
 ) -> Figure:
     """Draw global translation and rotation error and relative SE(3) error, one above the other.
 
@@ -94,6 +96,9 @@ def error_figure(
         "time" since the first common stamp, or "path" length travelled by the ground truth.
     stretches
         Stretches to shade behind the curves.
+    deviations
+        (N, 2) standard deviations of the first estimate's rotation, rad, and position, m, of which
+        bands of three are drawn.
     """
     figure = new_figure(8.0, 6.6)
     translation, rotation, relative = figure.subplots(3, 1, sharex=True)
@@ -105,10 +110,16 @@ def error_figure(
         step = np.maximum(evaluation.relative_error.norms["se3"], 1e-12)
         relative.semilogy(along[1:], step, color=colour, linewidth=0.8)
     _shade((translation, rotation, relative), evaluations[0], over, stretches)
+    if deviations is not None:
+        first = evaluations[0]
+        along = first.distances if over == "path" else first.estimate.seconds
+        bands = 3 * deviations[:, 1], np.degrees(3 * deviations[:, 0])
+        for axes, band in zip((translation, rotation), bands, strict=True):
+            axes.fill_between(along, band, color=COLOURS[5], alpha=0.25, linewidth=0, label="3 σ")
     _label(translation, "", "global translation\nerror [m]")
     _label(rotation, "", "global rotation\nerror [°]")
     unit = "path length [m]" if over == "path" else "time [s]"
-    _label(relative, unit, "relative SE(3)\nerror")
+    _label(relative, unit, "relative SE(3)\nerror [m, rad]")
     for axes in (translation, rotation):
         axes.set_ylim(bottom=0.0)
     _logarithmic_ticks(relative)
@@ -139,11 +150,21 @@ def _shade(
 
 
 def series_figure(
-    seconds: ArrayLike, series: Mapping[str, ArrayLike], ylabel: str, whole_numbers: bool = False
+    seconds: ArrayLike,
+    series: Mapping[str, ArrayLike],
+    ylabel: str,
+    whole_numbers: bool = False,
+    shaded: Mapping[str, Sequence[tuple[float, float]]] = MappingProxyType({}),
 ) -> Figure:
-    """Draw curves over the recording's time, for instance tracklets per cluster."""
+    """Draw curves over the recording's time, for instance tracklets per cluster.
+
+    `shaded` holds stretches of time to shade, seconds, by their label.
+    """
     figure = new_figure(8.0, 3.2)
     axes = figure.subplots()
+    for label, spans in shaded.items():
+        for span in spans:
+            axes.axvspan(*span, color=COLOURS[3], alpha=0.2, linewidth=0, label=label)
     for (name, values), colour in zip(series.items(), colours(len(series)), strict=True):
         axes.plot(seconds, values, color=colour, linewidth=1.0, label=name)
     _label(axes, "time [s]", ylabel)

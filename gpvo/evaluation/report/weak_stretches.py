@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,13 @@ def weak_stretches(trajectory: Trajectory) -> list[Stretch]:
         _stretch(trajectory, *ends, "motion prior alone", "#cc79a7") for ends in _gaps(trajectory.t)
     ]
     return few + none
+
+
+def shaded_stretches(
+    trajectory: Trajectory, spans: Iterable[tuple[float, float]], label: str
+) -> list[Stretch]:
+    """Return the stretches between given times, seconds."""
+    return [_stretch(trajectory, *span, label, "#cc79a7") for span in spans]
 
 
 def _stretch(
