@@ -11,6 +11,7 @@ import numpy as np
 import typer
 
 from gpvo.cluster_report import ClusterReport
+from gpvo.commands.found_noise import NoiseHistory
 from gpvo.commands.inputs import (
     Calibration,
     Config,
@@ -36,6 +37,7 @@ from gpvo.live.session import LiveSession
 from gpvo.live.sources import SOURCES, RecordingPlayer, Source, is_camera, open_cameras
 from gpvo.live.warm_up import warm_up
 from gpvo.lost_stage import lost_stage
+from gpvo.observer import observers
 from gpvo.recordings import StereoRig, open_recording, read_calibration
 
 
@@ -65,10 +67,10 @@ def live(
     recorder = Recorder(record, rig) if record else None
     with console.status("getting ready"):
         warm_up(configuration)
-    meter = CostMeter()
+    meter, noise = CostMeter(), NoiseHistory()
     with ExitStack() as opened:
         observer = opened.enter_context(Watch(view, save).observer(meter.stages))
-        odometry = LiveOdometry(rig, configuration, observer, stage=meter.stage)
+        odometry = LiveOdometry(rig, configuration, observers(observer, noise), stage=meter.stage)
         session = LiveSession(odometry, rig, events, recorder)
         advance = opened.enter_context(_shown(session, folder, span[1]))
         interruption = opened.enter_context(end_at_ctrl_c(events.close))
@@ -81,7 +83,7 @@ def live(
     if trajectory is None:
         lost = lost_stage(odometry.reports) if odometry.reports else "no events came"
         raise InputError(f"{source}: no landmark could be tracked: {lost}")
-    write_results(folder, odometry.odometry, trajectory, None, meter, console)
+    write_results(folder, odometry.odometry, trajectory, None, meter, noise, console)
     _say(session)
     if interruption.happened:
         raise typer.Exit(interruption.status)

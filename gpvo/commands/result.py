@@ -54,14 +54,14 @@ class Result:
     evaluation: Evaluation | None = None
     ground_truth: StampedPoses | None = None
 
-    def write(self, folder: Path | str, plots: str = "png") -> None:
+    def write(self, folder: Path | str, plots: str = "png", found: str = "") -> None:
         """Write what was found about a trajectory, which is saved before.
 
-        `plots` is the plots' format, one of `FORMATS` or none.
+        `plots` is the plots' format, one of `FORMATS` or none; `found` follows the configuration.
         """
         folder = make_folder(folder)
         for name, text in (
-            ("config.yaml", configuration_text(self.configuration)),
+            ("config.yaml", configuration_text(self.configuration) + found),
             ("metrics.json", json.dumps(self.metrics(), indent=2) + "\n"),
         ):
             with whole_file(folder / name) as file:

@@ -13,6 +13,7 @@ import typer
 from rich.console import Console
 
 from gpvo.cluster_report import ClusterReport
+from gpvo.commands.found_noise import NoiseHistory
 from gpvo.commands.inputs import (
     Calibration,
     Config,
@@ -59,6 +60,7 @@ from gpvo.evaluation.report.paper_tables import evaluation_tables
 from gpvo.evaluation.report.result_folder import claim_folder
 from gpvo.evaluation.report.run_time import CostMeter, cost_table, write_cost
 from gpvo.evaluation.report.table import to_rich
+from gpvo.observer import observers
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
 from gpvo.recordings.right_offset import with_right_offset
@@ -177,7 +179,7 @@ def run_and_write(
         If the results cannot be written.
     """
     meter = CostMeter(compilation=CompilationTimer(lambda: console.print(COMPILING)))
-    stop = min(start + duration, recording.duration)
+    noise, stop = NoiseHistory(), min(start + duration, recording.duration)
     with (
         end_at_ctrl_c(saved=lambda: saved(folder)) as interruption,
         writing(folder),
@@ -187,10 +189,11 @@ def run_and_write(
             watch.observer(meter.stages, truth, recording.start_ns) as observer,
             run_progress(console, start, stop) as show,
         ):
-            odometry = Odometry(recording.rig, configuration, meter.stage, observer=observer)
+            both = observers(observer, noise)
+            odometry = Odometry(recording.rig, configuration, meter.stage, observer=both)
             span = start, duration
             trajectory = _estimate(odometry, recording, folder, span, show, interruption)
-        judged = write_results(folder, odometry, trajectory, truth, meter, console, plots)
+        judged = write_results(folder, odometry, trajectory, truth, meter, noise, console, plots)
     if interruption.happened:
         raise typer.Exit(interruption.status)
     return judged
@@ -234,6 +237,7 @@ def write_results(
     trajectory: Trajectory,
     truth: StampedPoses | None,
     meter: CostMeter,
+    noise: NoiseHistory,
     console: Console,
     plots: str = "png",
 ) -> Verdict:
@@ -246,7 +250,7 @@ def write_results(
     diagnostics, judged = odometry.estimator.diagnostics, odometry.verdict()
     configuration = odometry.configuration
     result = Result(trajectory, reports, diagnostics, configuration, judged, evaluation, truth)
-    result.write(folder, plots)
+    result.write(folder, plots, noise.text)
     write_cost(folder, cost)
     console.print(result.table())
     console.print(to_rich(cost_table({"gpvo": cost})))
