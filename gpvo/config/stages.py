@@ -278,10 +278,10 @@ class McRansacConfig(StageConfig):
         "1 draws all `iterations`, as the paper does.",
     )
     refinements: int = Field(
-        2,
+        5,
         ge=1,
         description="Times that the velocity is refined on its inliers and the segments are judged "
-        "again; once in the paper.",
+        "again, at most; it ends when the inliers stay. Once in the paper.",
     )
     refinement_iterations: int = Field(
         20, ge=1, description="Largest number of Gauss-Newton steps of the iterative version."

@@ -212,6 +212,22 @@ def test_covariance_is_that_of_repeated_noise() -> None:
     assert (np.abs(whitened.mean(axis=1)) < 5 / np.sqrt(repetitions)).all()
 
 
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_uncertainty_is_honest_with_outliers(share: float) -> None:
+    """NEES over 100 draws lies in its 99 % interval: inliers are judged until they stay."""
+    deviation, draws, total = np.array([0.28, 0.28, 0.21]), 100, 0.0
+    for seed in range(draws):
+        rng = np.random.default_rng(seed)
+        true = random_velocity(rng)
+        exact, _ = with_outliers(rng, random_segments(rng, 150, true, (0.07, 0.13)), share)
+        segments = noisy(rng, exact, deviation)
+        fit = mc_ransac(segments, CAMERA, deviation**-2.0, McRansacConfig(), rng)
+        assert fit is not None
+        error = fit.velocity - true
+        total += error @ np.linalg.solve(fit.covariance, error)
+    assert abs(total - 6 * draws) < 2.58 * np.sqrt(2 * 6 * draws)
+
+
 def degenerate_segments(name: str) -> Segments:
     rng = np.random.default_rng(0)
     count = 2 if name == "two" else 0 if name == "none" else 20
