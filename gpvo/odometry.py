@@ -151,6 +151,12 @@ class Odometry:
         """Judge the run so far, after at least one cluster."""
         return verdict(self.reports, self.faults, self.trajectory())
 
+    @property
+    def measurement_information(self) -> tuple[float, ...]:
+        """Diagonal of R^-1 as it is used now, 1 / pixel^2."""
+        noise = getattr(self.estimator, "noise", self._front_end.noise)
+        return tuple(noise.measurement_information)
+
     def limit_features(self, share: float) -> None:
         """Track a share of the configured features, from 0 to 1, as long as time is short."""
         self._front_end.limit_features(share)

@@ -1,4 +1,4 @@
-"""`gpvo convert`: write a recording in another format."""
+"""`gpvo convert`: write a recording in another format, or a result as MCAP."""
 
 from __future__ import annotations
 
@@ -10,11 +10,17 @@ import typer
 from gpvo.commands.info import open_for_info
 from gpvo.commands.inputs import Calibration, LeftTopic, RightTopic, console
 from gpvo.commands.progress import reading_progress
+from gpvo.errors import InputError
+from gpvo.mapping import LandmarkMap
 from gpvo.recordings.writing.convert import camchain_path, convert, kind_of
+from gpvo.recordings.writing.result_mcap import write_result_mcap
+from gpvo.trajectory import Trajectory
+
+RESULT = "trajectory.npz"
 
 
 def convert_recording(
-    recording: Annotated[Path, typer.Argument(help="Stereo event recording.")],
+    recording: Annotated[Path, typer.Argument(help="Stereo event recording, or result folder.")],
     output: Annotated[Path, typer.Argument(help="File, or folder for DSEC.")],
     to: Annotated[
         Literal["mvsec", "dsec", "rosbag1", "mcap", "aedat4"] | None,
@@ -24,7 +30,13 @@ def convert_recording(
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
 ) -> None:
-    """Write a recording in another format: the same events, and the calibration beside them."""
+    """Write a recording in another format: the same events, and the calibration beside them.
+
+    Of a result folder, write poses, path and landmarks as MCAP for Foxglove and ROS 2.
+    """
+    if (recording / RESULT).is_file():
+        _convert_result(recording, output)
+        return
     kind = to or kind_of(output)
     opened, calibrated = open_for_info(recording, calibration, left_topic, right_topic)
     with reading_progress(console, opened.duration) as advance:
@@ -36,3 +48,15 @@ def convert_recording(
         soft_wrap=True,
         highlight=False,
     )
+
+
+def _convert_result(folder: Path, output: Path) -> None:
+    if output.suffix != ".mcap":
+        raise InputError(f"{output}: a result is written as MCAP; name a file that ends with .mcap")
+    landmarks = folder / "map.npz"
+    count = write_result_mcap(
+        output,
+        Trajectory.load(folder / RESULT),
+        LandmarkMap.load(landmarks) if landmarks.is_file() else None,
+    )
+    console.print(f"{output}: {count:,} messages", soft_wrap=True, highlight=False)

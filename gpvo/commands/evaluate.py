@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from gpvo.commands.inputs import Calibration, GroundTruth, Output, console
+from gpvo.commands.map_error import map_error
 from gpvo.errors import InputError
 from gpvo.evaluation.comparison import Comparison, compare
 from gpvo.evaluation.poses.find import SequenceSources, find_sources
@@ -56,6 +57,9 @@ def evaluate(
         step, truth_between, association, max_difference, aligned_at, align_body, align_time
     )
     evaluate_command(estimate, ground_truth, against or (), output, protocol, calibration, console)
+    error = map_error(estimate, ground_truth)
+    if error is not None:
+        console.print(str(error), highlight=False)
 
 
 def evaluate_command(

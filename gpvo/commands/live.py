@@ -11,7 +11,6 @@ import numpy as np
 import typer
 
 from gpvo.cluster_report import ClusterReport
-from gpvo.commands.found_noise import NoiseHistory
 from gpvo.commands.inputs import (
     Calibration,
     Config,
@@ -27,9 +26,10 @@ from gpvo.commands.live_trajectory import live_file
 from gpvo.commands.progress import live_progress
 from gpvo.commands.result import FILES
 from gpvo.commands.run import write_results
-from gpvo.commands.watch import Save, View, Watch
+from gpvo.commands.seen import Seen
+from gpvo.commands.watch import Save, Video, View, Watch
 from gpvo.errors import InputError
-from gpvo.evaluation.report.result_folder import claim_folder
+from gpvo.evaluation.report.result_folder import claim_folder, new_folder
 from gpvo.evaluation.report.run_time import CostMeter
 from gpvo.live import LiveOdometry
 from gpvo.live.recorder import Recorder
@@ -55,6 +55,7 @@ def live(
     right_topic: RightTopic = None,
     view: View = False,
     save: Save = None,
+    video: Video = None,
 ) -> None:
     """Estimate the motion while events come; Ctrl-C ends it and writes the results.
 
@@ -63,14 +64,15 @@ def live(
     configuration = configured(config, seed)
     span = start, np.inf if duration is None else duration
     rig, events = _opened(source, calibration, speed, span, left_topic, right_topic)
-    folder = claim_folder(output or Path("results") / _name(source), FILES)
+    folder = claim_folder(output or new_folder(_name(source)), FILES)
     recorder = Recorder(record, rig) if record else None
     with console.status("getting ready"):
         warm_up(configuration)
-    meter, noise = CostMeter(), NoiseHistory()
+    meter = CostMeter()
     with ExitStack() as opened:
-        observer = opened.enter_context(Watch(view, save).observer(meter.stages))
-        odometry = LiveOdometry(rig, configuration, observers(observer, noise), stage=meter.stage)
+        watch, seen = Watch(view, save, video), Seen()
+        observer = observers(seen, opened.enter_context(watch.observer(meter.stages)))
+        odometry = LiveOdometry(rig, configuration, observer, stage=meter.stage)
         session = LiveSession(odometry, rig, events, recorder)
         advance = opened.enter_context(_shown(session, folder, span[1]))
         interruption = opened.enter_context(end_at_ctrl_c(events.close))
@@ -83,7 +85,7 @@ def live(
     if trajectory is None:
         lost = lost_stage(odometry.reports) if odometry.reports else "no events came"
         raise InputError(f"{source}: no landmark could be tracked: {lost}")
-    write_results(folder, odometry.odometry, trajectory, None, meter, noise, console)
+    write_results(folder, odometry.odometry, trajectory, None, meter, seen, console)
     _say(session)
     if interruption.happened:
         raise typer.Exit(interruption.status)

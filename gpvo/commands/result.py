@@ -26,7 +26,7 @@ from gpvo.trajectory import StampedPoses, Trajectory, write_tum
 from gpvo.trajectory.whole_file import whole_file
 from gpvo.verdict import Verdict
 
-PLOTS = ("path", "error", "tracklets")
+PLOTS = ("path", "error", "tracklets", "overview")
 FORMATS = ("png", "pdf", "svg")
 FILES = (
     "trajectory.tum",
@@ -35,6 +35,9 @@ FILES = (
     "metrics.json",
     "config.yaml",
     *(f"{name}.{kind}" for name in PLOTS for kind in FORMATS),
+    "map.npz",
+    "map.ply",
+    "scene.npz",
     COST_FILE,
     "run.json",
 )

@@ -13,7 +13,6 @@ import typer
 from rich.console import Console
 
 from gpvo.cluster_report import ClusterReport
-from gpvo.commands.found_noise import NoiseHistory
 from gpvo.commands.inputs import (
     Calibration,
     Config,
@@ -34,6 +33,7 @@ from gpvo.commands.inputs import (
 )
 from gpvo.commands.interruption import Interruption, end_at_ctrl_c
 from gpvo.commands.live_trajectory import live_file
+from gpvo.commands.map_error import map_error
 from gpvo.commands.progress import run_progress
 from gpvo.commands.provenance import (
     FILE,
@@ -51,15 +51,17 @@ from gpvo.commands.result import (
     saved,
     writing,
 )
-from gpvo.commands.watch import Save, View, Watch
+from gpvo.commands.seen import Seen
+from gpvo.commands.watch import Save, Video, View, Watch
 from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.report.compilation import CompilationTimer
 from gpvo.evaluation.report.machine import machine_text
 from gpvo.evaluation.report.paper_tables import evaluation_tables
-from gpvo.evaluation.report.result_folder import claim_folder
+from gpvo.evaluation.report.result_folder import claim_folder, new_folder
 from gpvo.evaluation.report.run_time import CostMeter, cost_table, write_cost
 from gpvo.evaluation.report.table import to_rich
+from gpvo.mapping.scene_file import SCENE_FILE, write_scene
 from gpvo.observer import observers
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
@@ -92,6 +94,7 @@ def run(
     ] = None,
     view: View = False,
     save: Save = None,
+    video: Video = None,
 ) -> None:
     """Estimate the motion of a recording; write trajectory, metrics and plots.
 
@@ -117,8 +120,8 @@ def run(
             right_topic,
             right_offset,
         )
-        folder = output or Path("results") / recording.stem
-    judged = _run(request, configuration, folder, plots, Watch(view, save))
+        folder = output or new_folder(recording.stem)
+    judged = _run(request, configuration, folder, plots, Watch(view, save, video))
     if judged.word == "failed":
         raise typer.Exit(DEAD_RECKONING)
 
@@ -151,9 +154,13 @@ def demo(output: Output = None, seed: Seed = None) -> None:
     simulation = SimulationConfig(seed=1 if seed is None else seed, duration=2.0)
     with console.status("simulating stereo events of a textured room"):
         recording = simulate(simulation)
-    folder = claim_folder(output or Path("results") / "demo", FILES)
+    folder = claim_folder(output or new_folder("demo"), FILES)
     configuration = configured(None, seed)
     run_and_write(recording, configuration, folder, recording.ground_truth, console)
+    write_scene(folder / SCENE_FILE, recording.scene.boxes)
+    error = map_error(folder)
+    if error is not None:
+        console.print(str(error), highlight=False)
 
 
 def run_and_write(
@@ -179,7 +186,7 @@ def run_and_write(
         If the results cannot be written.
     """
     meter = CostMeter(compilation=CompilationTimer(lambda: console.print(COMPILING)))
-    noise, stop = NoiseHistory(), min(start + duration, recording.duration)
+    stop = min(start + duration, recording.duration)
     with (
         end_at_ctrl_c(saved=lambda: saved(folder)) as interruption,
         writing(folder),
@@ -189,11 +196,12 @@ def run_and_write(
             watch.observer(meter.stages, truth, recording.start_ns) as observer,
             run_progress(console, start, stop) as show,
         ):
-            both = observers(observer, noise)
-            odometry = Odometry(recording.rig, configuration, meter.stage, observer=both)
+            seen = Seen()
+            looks = observers(seen, observer)
+            odometry = Odometry(recording.rig, configuration, meter.stage, observer=looks)
             span = start, duration
             trajectory = _estimate(odometry, recording, folder, span, show, interruption)
-        judged = write_results(folder, odometry, trajectory, truth, meter, noise, console, plots)
+        judged = write_results(folder, odometry, trajectory, truth, meter, seen, console, plots)
     if interruption.happened:
         raise typer.Exit(interruption.status)
     return judged
@@ -237,7 +245,7 @@ def write_results(
     trajectory: Trajectory,
     truth: StampedPoses | None,
     meter: CostMeter,
-    noise: NoiseHistory,
+    seen: Seen,
     console: Console,
     plots: str = "png",
 ) -> Verdict:
@@ -250,7 +258,8 @@ def write_results(
     diagnostics, judged = odometry.estimator.diagnostics, odometry.verdict()
     configuration = odometry.configuration
     result = Result(trajectory, reports, diagnostics, configuration, judged, evaluation, truth)
-    result.write(folder, plots, noise.text)
+    result.write(folder, plots, seen.noise.text)
+    landmarks = seen.write(folder, odometry, trajectory, evaluation, plots)
     write_cost(folder, cost)
     console.print(result.table())
     console.print(to_rich(cost_table({"gpvo": cost})))
@@ -258,5 +267,6 @@ def write_results(
     if evaluation is not None:
         for table in evaluation_tables(evaluation):
             console.print(to_rich(table))
+    console.print(f"map: {len(landmarks)} landmarks")
     console.print(f"results: {folder}")
     return judged

@@ -1,21 +1,24 @@
-"""What watches a run: the viewer, if it is wanted."""
+"""What watches a run: the viewer and the video, if they are wanted."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from gpvo.observer import Observer, no_observer
+from gpvo.observer import Observer, observers
 from gpvo.trajectory import StampedPoses
 
 View = Annotated[bool, typer.Option("--view", help="Show it in the viewer (extra view).")]
 Save = Annotated[
     Path | None, typer.Option(help="File .rrd for the viewer, written instead of showing it.")
+]
+Video = Annotated[
+    Path | None, typer.Option(help="File .mp4 of the event images with tracks, and the path.")
 ]
 
 
@@ -29,10 +32,13 @@ class Watch:
         The viewer in a window, or in a browser.
     save
         The viewer's file.
+    video
+        The video's file.
     """
 
     view: bool = False
     save: Path | None = None
+    video: Path | None = None
 
     @contextmanager
     def observer(
@@ -41,7 +47,7 @@ class Watch:
         truth: StampedPoses | None = None,
         start_ns: int = 0,
     ) -> Iterator[Observer]:
-        """Give the observer; it is finished at the end.
+        """Give an observer that serves all of them; they are finished at the end.
 
         Parameters
         ----------
@@ -53,17 +59,22 @@ class Watch:
         Raises
         ------
         InputError
-            If the viewer is not installed, or its file cannot be written.
+            If the viewer is not installed, or a file cannot be written.
         """
-        if not (self.view or self.save):
-            yield no_observer
-            return
-        from gpvo.view.rerun_viewer import RerunViewer  # slow to import
+        watching: list[Observer] = []
+        with ExitStack() as opened:
+            if self.view or self.save:
+                from gpvo.view.rerun_viewer import RerunViewer  # slow to import
 
-        viewer = RerunViewer(self.save, stages)
-        if truth is not None:
-            viewer.show_truth(truth, start_ns)
-        try:
-            yield viewer
-        finally:
-            viewer.close()
+                viewer = RerunViewer(self.save, stages)
+                opened.callback(viewer.close)
+                if truth is not None:
+                    viewer.show_truth(truth, start_ns)
+                watching.append(viewer)
+            if self.video:
+                from gpvo.view.video import VideoWriter
+
+                video = VideoWriter(self.video)
+                opened.callback(video.close)
+                watching.append(video)
+            yield observers(*watching)

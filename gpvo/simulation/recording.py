@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from gpvo.mapping.scene_file import write_scene
 from gpvo.recordings import Events, Recording, StereoEvents, StereoRig
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.writing.hdf5 import MvsecWriter
@@ -62,7 +63,10 @@ class SimulatedRecording(Recording):
         return stereo_batches(left, right, start, stop, _BATCH)
 
     def write_mvsec(self, folder: Path) -> None:
-        """Write NAME_data.hdf5, NAME_gt.hdf5 and camchain-NAME.yaml; NAME is the path's name."""
+        """Write NAME_data.hdf5, NAME_gt.hdf5, NAME_scene.npz and camchain-NAME.yaml.
+
+        NAME is the path's name; the scene is its surface.
+        """
         folder.mkdir(parents=True, exist_ok=True)
         name, sizes = self.path.name, (self.rig.left.resolution, self.rig.right.resolution)
         with MvsecWriter(folder / f"{name}_data.hdf5", sizes, self.start_ns) as writer:
@@ -71,6 +75,7 @@ class SimulatedRecording(Recording):
             file["davis/left/pose"] = self.ground_truth.T_world_cam
             file["davis/left/pose_ts"] = self.ground_truth.stamps_ns * 1e-9
         write_camchain(folder / f"camchain-{name}.yaml", self.rig)
+        write_scene(folder / f"{name}_scene.npz", self.scene.boxes)
 
 
 def simulate(config: SimulationConfig, motion: Motion | None = None) -> SimulatedRecording:

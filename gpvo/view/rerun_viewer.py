@@ -23,6 +23,7 @@ from gpvo.errors import InputError
 from gpvo.observer import Step
 from gpvo.trajectory import MotionEstimate, StampedPoses, Trajectory
 from gpvo.view.event_image import Image, event_image
+from gpvo.view.path_so_far import PathSoFar
 from gpvo.view.rerun_layout import AXES, BLUE, GREEN, GREY, ORANGE, TIMELINE, layout
 from gpvo.view.tracks import TrackHistory
 
@@ -56,7 +57,7 @@ class RerunViewer:
         self._stages: Mapping[str, float] = {} if stages is None else stages
         self._spent: dict[str, float] = {}
         self._tracks = TrackHistory()
-        self._path: list[Array] = []
+        self._path = PathSoFar()
         self._spread: list[tuple[Array, Array]] = []
         self._open(file)
         self._describe()
@@ -69,6 +70,7 @@ class RerunViewer:
         self._show_stages()
         estimate = step.estimator.latest()
         if estimate is not None:
+            self._show_path(self._path(step.estimator))
             self._show_motion(estimate)
             self._show_landmarks(step)
 
@@ -85,7 +87,9 @@ class RerunViewer:
         for t in np.arange(trajectory.start, trajectory.stop, interval):
             T, twist = trajectory.pose(t), trajectory.velocity(t)
             covariance = trajectory.covariance(t)
+            so_far = trajectory.pose(np.linspace(trajectory.start, t, MOST_POINTS))
             self._at(float(t))
+            self._show_path(so_far[:, :3, 3])
             self._show_motion(MotionEstimate(float(t), T, twist, covariance, trajectory.qc))
 
     def show_points(self, points: Array, path: str = "world/landmarks") -> None:
@@ -164,16 +168,17 @@ class RerunViewer:
             self._recording.log(f"stages/{name.replace(' ', '_')}", self._rr.Scalars([spent]))
         self._spent = dict(self._stages)
 
+    def _show_path(self, positions: Array) -> None:
+        path = self._rr.LineStrips3D([_thinned(positions)], colors=[BLUE], radii=[-1.5])
+        self._recording.log("world/path", path)
+
     def _show_motion(self, estimate: MotionEstimate) -> None:
         rr, log, T = self._rr, self._recording.log, estimate.T_world_cam
-        self._path.append(T[:3, 3])
         sigma = T[:3, :3] @ estimate.covariance[3:6, 3:6] @ T[:3, :3].T
         self._spread.append((T[:3, 3], sigma))
         log("world/camera", rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]))
         axes = rr.Arrows3D(vectors=0.1 * np.eye(3), colors=[ORANGE, GREEN, BLUE])
         log("world/camera/axes", axes)
-        path = rr.LineStrips3D([_thinned(np.array(self._path))], colors=[BLUE], radii=[-1.5])
-        log("world/path", path)
         log("world/uncertainty", self._ellipsoids())
         deviations = np.sqrt(np.diag(estimate.covariance))
         for name, first in (("linear_velocity", 3), ("angular_velocity", 0)):

@@ -27,7 +27,7 @@ def test_first_command_ends_in_the_demo(
     assert first.text.strip().endswith("gpvo demo")
     monkeypatch.chdir(tmp_path)
     run("gpvo demo", monkeypatch)
-    assert (tmp_path / "results" / "demo" / "path.png").exists()
+    assert (tmp_path / "results" / "latest" / "path.png").exists()
     assert "final %" in capsys.readouterr().out
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 
 try:
@@ -12,6 +14,23 @@ except ImportError:  # Windows has no such locks
     fcntl = None  # type: ignore[assignment]
 
 from gpvo.errors import InputError
+
+RESULTS = Path("results")
+LATEST = "latest"
+"""Link in RESULTS to the folder claimed last."""
+
+
+def new_folder(name: str) -> Path:
+    """Return the folder in RESULTS named by a recording and the time, which is not made yet."""
+    return RESULTS / f"{name}_{datetime.now():%Y-%m-%d_%H-%M-%S}"
+
+
+def _link_latest(folder: Path) -> None:
+    """Let `latest` point to a folder in RESULTS."""
+    link = RESULTS / f".{LATEST}.{os.getpid()}"
+    with suppress(OSError):  # not every file system has links
+        link.symlink_to(folder.name)
+        link.replace(RESULTS / LATEST)
 
 
 def make_folder(folder: Path | str, without: Iterable[str] = ()) -> Path:
@@ -63,4 +82,6 @@ def claim_folder(folder: Path | str, without: Iterable[str] = ()) -> Path:
                 f"{folder}: another run writes there; wait for it, or give another --output"
             ) from error
         _claimed[place] = descriptor
+    if folder.parent == RESULTS and folder.name != LATEST:
+        _link_latest(folder)
     return make_folder(folder, without)
