@@ -1,10 +1,11 @@
 """How the motion goes on where nothing measures it.
 
 The WNOA prior keeps the velocity. That bridges a moment, but not a camera that stopped, or a cable
-that came loose. After some time, `bridge`, the velocity is therefore forgotten within `MEMORY` (an
-Ornstein-Uhlenbeck process): its mean decays, and its standard deviation becomes the speed that was
-seen last. The position then stays, and its covariance holds both hypotheses, that the camera
-stands still and that it goes on.
+that came loose. The Q_c of steady motion is also too small for a longer time: after `LOOSE` seconds
+it lets the velocity change by the speed s that was seen lately within `CHANGE`. After some time,
+`bridge`, the velocity is forgotten within `MEMORY` (an Ornstein-Uhlenbeck process): its mean
+decays, and its standard deviation becomes s. The position then stays, and its covariance holds both
+hypotheses, that the camera stands still and that it goes on.
 
 For states dt apart, K = dt / MEMORY and the stationary variance s^2, the prior with Q_c =
 s^2 / (MEMORY (1 - K)) and a measurement of zero velocity with the variance s^2 / K have it as the
@@ -12,6 +13,8 @@ solution of their Riccati equation.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -23,10 +26,16 @@ from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 
+LOOSE, CHANGE = 0.2, 1.0
+"""Seconds without measurements after which motion is not steady, and in which it changes."""
 MEMORY = 0.25
 """Seconds after which a velocity that is not measured is forgotten."""
-LEAST_SPEED = np.array([0.2, 0.2])
+LEAST_SPEED = np.array([0.3, 0.3])
 """Least standard deviation of a velocity that is not measured, rad/s and m/s."""
+LIVELY = 1.5
+"""How much faster than lately the motion may be."""
+REMEMBERED = 4.0
+"""Seconds after which the largest speed that was seen counts 1/e."""
 ENOUGH = 6
 """Number of measurements that measure a motion."""
 
@@ -40,61 +49,80 @@ class DeadReckoning:
     def __init__(self, bridge: float) -> None:
         self._bridge = bridge or np.inf
         self._measured, self._speed = np.inf, LEAST_SPEED
-        self._breaks: list[tuple[float, float, Array]] = []
+        self._guessed: list[_Guess] = []
 
     def measured(self, t: float, twist: Array, count: int) -> None:
         """Note that so many measurements reach until t, seconds, where the twist (6,) is known."""
         if count >= ENOUGH or not np.isfinite(self._measured):
+            passed = max(t - self._measured, 0.0) if np.isfinite(self._measured) else 0.0
+            known = np.maximum(self._speed * np.exp(-passed / REMEMBERED), LEAST_SPEED)
             self._measured = t
-            self._speed = np.maximum(np.linalg.norm(twist.reshape(2, 3), axis=1), LEAST_SPEED)
+            self._speed = np.maximum(np.linalg.norm(twist.reshape(2, 3), axis=1), known)
 
     def extend(self, start: float, stop: float) -> None:
         """Note the time between two clusters' ends, before the motion in it is estimated."""
-        if start - self._measured >= self._bridge - 1e-6:
-            self._breaks.append((start, stop, np.repeat(self._speed, 3)))
+        unknown = start - self._measured
+        if np.isfinite(self._bridge) and unknown >= min(LOOSE, self._bridge) - 1e-6:
+            forgotten = unknown >= self._bridge - 1e-6
+            speed = LIVELY * np.repeat(self._speed, 3)
+            self._guessed.append(_Guess(start, stop, speed, forgotten))
 
     def forget(self, t: float) -> None:
         """Forget what lies before t, seconds."""
-        self._breaks = [one for one in self._breaks if one[1] > t]
+        self._guessed = [one for one in self._guessed if one.stop > t]
 
     def is_over(self, count: int) -> bool:
         """Return whether so many new measurements end a time that was guessed."""
-        return count >= ENOUGH and bool(self._breaks) and self._breaks[-1][1] > self._measured
+        if count < ENOUGH or not self._guessed:
+            return False
+        return self._guessed[-1].forgotten and self._guessed[-1].stop > self._measured
 
     def state_after(self, states: States) -> InitialState:
         """Return the state that a new segment begins with, the last of the guessed ones."""
-        covariance = np.diag(np.append(np.full(6, FIXED**2), np.repeat(self._speed, 3) ** 2))
+        covariance = np.diag(
+            np.append(np.full(6, FIXED**2), LIVELY**2 * np.repeat(self._speed, 3) ** 2)
+        )
         return InitialState(states.T_world_cam[-1], np.zeros(6), covariance)
 
     @property
     def in_window(self) -> bool:
         """Whether some of what is not forgotten was guessed."""
-        return bool(self._breaks)
+        return bool(self._guessed)
 
     def densities(self, t: Array, usual: Array) -> Array:
         """Return Q_c (K - 1, 6) between states at times t (K,), where `usual` (6,) is measured."""
         middle, dt = 0.5 * (t[:-1] + t[1:]), np.diff(t)
         density = np.tile(usual, (len(dt), 1))
         for k in range(len(dt)):
-            speed = self._at(middle[k])
-            if speed is not None:
-                density[k] = np.maximum(usual, speed**2 / (MEMORY * (1 - _gain(dt[k]))))
+            guess = self._at(middle[k])
+            if guess is not None:
+                memory = MEMORY * (1 - _gain(dt[k])) if guess.forgotten else CHANGE
+                density[k] = np.maximum(usual, guess.speed**2 / memory)
         return density
 
     def at_rest(self, numbers: range, t: Array) -> list[gtsam.NonlinearFactor]:
         """Make the measurements of zero velocity of the states but the first, at times t (K,)."""
         factors: list[gtsam.NonlinearFactor] = []
         for k in range(1, len(t)):
-            speed = self._at(0.5 * (t[k - 1] + t[k]))
-            if speed is not None:
-                sigma = speed / np.sqrt(_gain(t[k] - t[k - 1]))
+            guess = self._at(0.5 * (t[k - 1] + t[k]))
+            if guess is not None and guess.forgotten:
+                sigma = guess.speed / np.sqrt(_gain(t[k] - t[k - 1]))
                 noise = gtsam.noiseModel.Diagonal.Sigmas(sigma)
                 factors.append(gtsam.PriorFactorVector(V(numbers[k]), np.zeros(6), noise))
         return factors
 
-    def _at(self, t: float) -> Array | None:
-        """Standard deviation (6,) of the velocity at t; None where the motion is measured."""
-        return next((speed for start, stop, speed in self._breaks if start <= t < stop), None)
+    def _at(self, t: float) -> _Guess | None:
+        """What is guessed at t; None where the motion is measured."""
+        return next((one for one in self._guessed if one.start <= t < one.stop), None)
+
+
+class _Guess(NamedTuple):
+    """A time between clusters' ends, the speed (6,) there, and if the velocity is forgotten."""
+
+    start: float
+    stop: float
+    speed: Array
+    forgotten: bool
 
 
 def _gain(dt: float) -> float:
