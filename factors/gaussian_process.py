@@ -95,6 +95,8 @@ class GaussianProcess:
             marginals = joint_marginals(marginals, values)
         known: Any = marginals  # a smoother knows no joint covariances, but its ISAM2 does
         self._marginals: Any = known.getISAM2() if hasattr(known, "getISAM2") else known
+        if not (known is None or hasattr(self._marginals, "jointMarginalCovariance")):
+            raise ValueError(f"marginals must know covariances, not {type(marginals).__name__}")
         self._joint: dict[int, Array] = {}
 
     def __repr__(self) -> str:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import gtsam
 import numpy as np
 
-from factors.checks import checked_key
+from factors.checks import checked_key, checked_numbers
 from factors.factor import Evaluate, Factor, original
 from factors.kernels.se3 import Array
 from factors.variables import Kind
@@ -60,6 +60,8 @@ class Inner:
 
     def __init__(self, model: gtsam.noiseModel.Base, keys: Sequence[int]) -> None:
         self.model, self.keys = model, [checked_key("inner", key) for key in keys]
+        if not self.keys:
+            raise ValueError("inner must have keys")
         self.columns: list[slice] = []
         self._sizes: list[int] = []
 
@@ -124,7 +126,7 @@ class _Callback(Inner):
         return found
 
     def _checked(self, error: Array) -> Array:
-        error = np.asarray(error, np.float64)
+        error = checked_numbers("what an error function returns", error)
         if error.shape != self._shape:
             raise ValueError(f"an error function must return {self._shape}, not {error.shape}")
         return error

@@ -188,13 +188,17 @@ class _Interpolation:
 
     def _prepare(self, rows: int) -> None:
         """Find out where the columns of the inner factor are, whose sizes are known by now."""
-        columns = self._columns = self._inner.columns
+        columns = self._inner.columns
         by_key = dict(zip(self._inner.keys, columns, strict=True))
+        for name, key in (("pose", self._pose), ("velocity", self._velocity)):
+            if key is not None and by_key[key].stop - by_key[key].start != 6:
+                raise ValueError(f"the inner Jacobian by the {name} must have 6 columns")
         firsts = (-1 if key is None else by_key[key].start for key in (self._pose, self._velocity))
         self._places = np.array(list(firsts))
         self._others = [(self._keys.index(key), by_key[key]) for key, _ in self._copied]
         sizes = {self._keys[place]: of.stop - of.start for place, of in self._others}
         self._blocks = blocks_of(rows, tuple(sizes.get(key, 6) for key in self._keys))
+        self._columns = columns
 
     def _values_at(self, values: gtsam.Values, state: Array) -> gtsam.Values:
         """Return the values of the inner factor, the state at t among them.

@@ -18,7 +18,7 @@ from factors.kernels.local_variables import (
     retract_kernel,
     wnoa_kernel,
 )
-from factors.kernels.se3 import Array, kernel
+from factors.kernels.se3 import Array, compose_exp_kernel, kernel
 from factors.wnoa import information_root, kronecker, whitening
 
 
@@ -83,9 +83,8 @@ def interpolate(
     T_i, T_j = _spread(T_i, batch, (4, 4)), _spread(T_j, batch, (4, 4))
     v_i, v_j = _spread(v_i, batch, (6,)), _spread(v_j, batch, (6,))
     a, b = _spread(t - t_i, batch, ()), _spread(t_j - t, batch, ())
-    local = np.empty((len(a), 12))
-    _interpolate_batch(T_i, v_i, T_j, v_j, a, b, local)
-    pose, velocity = _moved(T_i, local)
+    pose, velocity = np.empty((len(a), 4, 4)), np.empty((len(a), 6))
+    _interpolate_batch(T_i, v_i, T_j, v_j, a, b, pose, velocity)
     covariance = None
     if joint_covariance is not None:
         if qc is None:
@@ -104,26 +103,18 @@ def interpolate(
 
 @kernel
 def _interpolate_batch(
-    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: Array, b: Array, local: Array
+    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: Array, b: Array, T: Array, v: Array
 ) -> None:
     for n in range(len(a)):
         local_j = local_state_kernel(T_i[n], T_j[n], v_j[n])
-        between = interpolated_local_kernel(v_i[n], local_j, hermite_weights(a[n], b[n]))
-        for i in range(12):
-            local[n, i] = between[i]
-
-
-def _moved(T_i: Array, local: Array) -> tuple[Array, Array]:
-    """Compute poses (n, 4, 4) and twists (n, 6) of local variables (n, 12) around T_i (n, 4, 4)."""
-    pose, velocity = np.empty((len(local), 4, 4)), np.empty((len(local), 6))
-    _moved_batch(T_i, local, pose, velocity)
-    return pose, velocity
+        local = interpolated_local_kernel(v_i[n], local_j, hermite_weights(a[n], b[n]))
+        retract_kernel(T_i[n], local, T[n], v[n])
 
 
 @kernel
-def _moved_batch(T_i: Array, local: Array, T: Array, v: Array) -> None:
-    for n in range(len(local)):
-        retract_kernel(T_i[n], local[n], T[n], v[n])
+def _extrapolate_batch(T_i: Array, v_i: Array, dt: Array, T: Array) -> None:
+    for n in range(len(dt)):
+        compose_exp_kernel(T_i[n], dt[n] * v_i[n], T[n])
 
 
 def _whitened_prior(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: Array, W: Array) -> Array:
@@ -145,19 +136,20 @@ def _between(from_i: Array, to_j: Array, root: Array) -> Array:
     Their joint covariance is given by its square root (n, 24, 24). The result is a sum of squares,
     so it is positive semidefinite.
     """
-    gain, own = _given_states(from_i, to_j)
+    gain, own = given_states(from_i, to_j)
     return _sum_of_squares(gain @ root, own)
 
 
-def _given_states(from_i: Array, to_j: Array) -> tuple[Array, Array]:
+def given_states(from_i: Array, to_j: Array) -> tuple[Array, Array]:
     """Compute the conditional distribution of a state given states i and j, from two priors.
 
-    The state is treated like one of the graph: QR of the whitened Jacobians yields its gain (n, 12,
-    24) and the square root (n, 12, 12) of its own covariance.
+    The state is treated like one of the graph: QR of the whitened Jacobians (n, m, 2 m) of both
+    yields its gain (n, m, 2 m) and the square root (n, m, m) of its own covariance.
     """
-    own = np.concatenate([from_i[..., 12:], to_j[..., :12]], axis=1)
-    others = np.zeros((len(own), 24, 24))
-    others[:, :12, :12], others[:, 12:, 12:] = from_i[..., :12], to_j[..., 12:]
+    m = from_i.shape[1]
+    own = np.concatenate([from_i[..., m:], to_j[..., :m]], axis=1)
+    others = np.zeros((len(own), 2 * m, 2 * m))
+    others[:, :m, :m], others[:, m:, m:] = from_i[..., :m], to_j[..., m:]
     Q, R = np.linalg.qr(own)
     inverse = np.linalg.inv(R)
     return inverse @ (np.swapaxes(Q, 1, 2) @ others), inverse
@@ -222,8 +214,8 @@ def extrapolate(
     dt = checked_array("dt", dt, ())
     batch = np.broadcast_shapes(dt.shape, T_i.shape[:-2], v_i.shape[:-1])
     T_i, v_i, dt = _spread(T_i, batch, (4, 4)), _spread(v_i, batch, (6,)), _spread(dt, batch, ())
-    local = np.concatenate([dt[:, None] * v_i, v_i], axis=1)
-    pose, velocity = _moved(T_i, local)
+    pose, velocity = np.empty((len(dt), 4, 4)), v_i  # constant, in the body's frame
+    _extrapolate_batch(T_i, v_i, dt, pose)
     result = None
     if covariance is not None:
         if qc is None:

@@ -97,39 +97,35 @@ def _lower_triangular(diagonal: Array, below: Array) -> Array:
 
 def se3_left_jacobian(xi: ArrayLike) -> Array:
     """Compute left Jacobians J (..., 6, 6) of twists (..., 6): Exp(xi + d) = Exp(J d) Exp(xi)."""
-    twists = checked_array("xi", xi, (6,))
-    jacobians = np.empty((*twists.shape, 6))
-    _left_jacobian_batch(twists.reshape(-1, 6), jacobians.reshape(-1, 6, 6))
-    return jacobians
-
-
-@kernel
-def _left_jacobian_batch(twists: Array, jacobians: Array) -> None:
-    for n in range(len(twists)):
-        jacobian = se3_polynomial_kernel(twists[n], jacobian_coefficients_kernel(twists[n], LEFT))
-        copy_kernel(jacobian, jacobians[n])
+    return _left_jacobian(xi, False)
 
 
 def se3_right_jacobian(xi: ArrayLike) -> Array:
     """Compute right Jacobians J (..., 6, 6) of twists (..., 6): Exp(xi + d) = Exp(xi) Exp(J d)."""
-    return se3_left_jacobian(np.negative(xi))
+    return _left_jacobian(np.negative(xi), False)
 
 
 def se3_left_jacobian_inverse(xi: ArrayLike) -> Array:
     """Compute inverse left Jacobians (..., 6, 6) of twists (..., 6); singular at angle 2 pi."""
-    twists = checked_array("xi", xi, (6,))
-    inverses = np.empty((*twists.shape, 6))
-    _left_jacobian_inverse_batch(twists.reshape(-1, 6), inverses.reshape(-1, 6, 6))
-    return inverses
-
-
-@kernel
-def _left_jacobian_inverse_batch(twists: Array, inverses: Array) -> None:
-    for n in range(len(twists)):
-        inverse = se3_polynomial_kernel(twists[n], inverse_coefficients_kernel(twists[n], LEFT))
-        copy_kernel(inverse, inverses[n])
+    return _left_jacobian(xi, True)
 
 
 def se3_right_jacobian_inverse(xi: ArrayLike) -> Array:
     """Compute inverse right Jacobians (..., 6, 6) of twists (..., 6); singular at angle 2 pi."""
-    return se3_left_jacobian_inverse(np.negative(xi))
+    return _left_jacobian(np.negative(xi), True)
+
+
+def _left_jacobian(xi: ArrayLike, inverse: bool) -> Array:
+    twists = checked_array("xi", xi, (6,))
+    jacobians = np.empty((*twists.shape, 6))
+    _left_jacobian_batch(twists.reshape(-1, 6), inverse, jacobians.reshape(-1, 6, 6))
+    return jacobians
+
+
+@kernel
+def _left_jacobian_batch(twists: Array, inverse: bool, jacobians: Array) -> None:
+    for n in range(len(twists)):
+        k = jacobian_coefficients_kernel(twists[n], LEFT)
+        if inverse:
+            k = inverse_coefficients_kernel(twists[n], LEFT)
+        copy_kernel(se3_polynomial_kernel(twists[n], k), jacobians[n])

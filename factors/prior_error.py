@@ -9,6 +9,7 @@ import gtsam
 import numpy as np
 
 from factors.factor import Evaluate
+from factors.interpolation import given_states
 from factors.jacobian_blocks import Jacobians, blocks_of
 from factors.kernels.jerk import (
     local_motion_kernel,
@@ -174,12 +175,8 @@ class PriorError:
             kronecker(information_root(dt, self._order), self._W) @ self._linearized(one, other, dt)
             for one, other, dt in ((i, middle, t), (middle, j, self._dt - t))
         )
-        others = np.zeros((2 * size, 2 * size))
-        others[:size, :size], others[size:, size:] = before[:, :size], after[:, size:]
-        Q, R = np.linalg.qr(np.vstack([before[:, size:], after[:, :size]]))
-        inverse = np.linalg.inv(R)
-        gain = inverse @ (Q.T @ others)
-        return np.asarray(gain @ joint @ gain.T + inverse @ inverse.T)
+        (gain,), (own_root,) = given_states(before[None], after[None])
+        return np.asarray(gain @ joint @ gain.T + own_root @ own_root.T)
 
 
 def _transition(order: int, size: int, dt: float) -> Array:

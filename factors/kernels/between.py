@@ -68,16 +68,22 @@ def state_between_kernel(
     local_j = local_state_kernel(T_i, T_j, v_j)
     local = interpolated_local_kernel(v_i, local_j, weights)
     retract_kernel(T_i, local, T, v)
-    by_states_j = local_jacobian_kernel(local_j, v_j)
-    by_local = np.empty((12, 24))
+    by_states = interpolated_jacobian_kernel(local_jacobian_kernel(local_j, v_j), weights)
+    return retracted_jacobian_kernel(local, by_states)
+
+
+@inner_kernel
+def interpolated_jacobian_kernel(by_states_j: Array, weights: Array) -> Array:
+    """Compute the Jacobian (12, 24) of interpolated local variables from that of state j's."""
+    result = np.empty((12, 24))
     for k in range(2):
         for i in range(6):
             for j in range(24):
-                by_local[6 * k + i, j] = (
+                result[6 * k + i, j] = (
                     weights[1, k, 0] * by_states_j[i, j] + weights[1, k, 1] * by_states_j[6 + i, j]
                 )
-            by_local[6 * k + i, 6 + i] += weights[0, k, 1]
-    return retracted_jacobian_kernel(local, by_local)
+            result[6 * k + i, 6 + i] += weights[0, k, 1]
+    return result
 
 
 @kernel

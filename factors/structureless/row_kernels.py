@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from factors.kernels.between import interpolated_jacobian_kernel
 from factors.kernels.local_variables import (
     backward_adjoint_kernel,
     chain_rule_kernel,
@@ -242,11 +243,5 @@ def state_rows_kernel(
         local = interpolated_local_kernel(v_i, local_j, share) + deviation[n]
         _local_to_state_kernel(T_i, local, T[n], v[n], by_local[n])
         by_pose_i[n] = backward_adjoint_kernel(local)
-        for half in range(2):
-            pose_j, rate_j = share[1, half, 0], share[1, half, 1]
-            for i in range(6):
-                by_states[n, 6 * half + i, 6 + i] = share[0, half, 1]
-                for j in range(24):
-                    by_states[n, 6 * half + i, j] += pose_j * by_states_j[i, j]
-                    by_states[n, 6 * half + i, j] += rate_j * by_states_j[6 + i, j]
+        by_states[n] = interpolated_jacobian_kernel(by_states_j, share)
     return T, v, by_local, by_pose_i, by_states

@@ -138,6 +138,7 @@ def test_bad_input_is_refused_by_name() -> None:
         ("qc", lambda: GaussianProcess(states, values, -QC)),
         ("t must be finite", lambda: without.pose(np.nan)),
         ("marginals must be given", lambda: without.covariance(1.0)),
+        ("marginals must know", lambda: GaussianProcess(states, values, QC, "Marginals")),  # type: ignore[arg-type]
         ("no covariance of x1 v1 x2 v2", lambda: knows_two.covariance(1.15)),
     ]
     for name, call in calls:

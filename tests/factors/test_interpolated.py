@@ -273,6 +273,10 @@ def test_bad_input_is_refused_by_name() -> None:
         ("pose must be a key", lambda: InterpolatedFactor(gps, *STATES, 0.1, pose=4)),
         ("velocity must be a key", lambda: InterpolatedFactor(gps, *STATES, 0.1, velocity=4)),
         ("ErrorFunction", lambda: InterpolatedFactor(custom, *STATES, 0.1)),
+        (
+            "inner must have keys",
+            lambda: InterpolatedFactor(ErrorFunction(*[noise(1), [], min]), *STATES, 0.1),
+        ),
         ("inner must be", lambda: InterpolatedFactor(3, *STATES, 0.1)),  # type: ignore[arg-type]
         ("qc", lambda: InterpolatedFactor(gps, *STATES, 0.1, qc=-QC)),
         ("Constrained", lambda: InterpolatedFactor(zero, *STATES, 0.1, qc=QC)),
@@ -283,6 +287,38 @@ def test_bad_input_is_refused_by_name() -> None:
     ):
         with pytest.raises(ValueError, match=name):
             make()
+
+
+def constant_error(error: Any, *jacobians: Array) -> ErrorFunction:
+    def function(_: Any, _values: gtsam.Values, found: Any) -> Any:
+        for k, jacobian in enumerate(jacobians if found is not None else ()):
+            found[k] = jacobian
+        return error
+
+    return ErrorFunction(noise(3), [P, W][: max(len(jacobians), 1)], function)
+
+
+@pytest.mark.parametrize(
+    ("fault", "inner"),
+    [
+        (r"must return \(3,\)", constant_error(np.zeros(2), np.eye(3, 6))),
+        (r"must return \(3,\)", constant_error(np.zeros((3, 1)), np.eye(3, 6))),
+        ("must be real numbers", constant_error("none", np.eye(3, 6))),
+        ("must set all", constant_error(np.zeros(3))),
+        ("a row for each error", constant_error(np.zeros(3), np.eye(1, 6))),
+        ("pose must have 6 columns", constant_error(np.zeros(3), np.eye(3, 5))),
+        ("velocity must have 6 columns", constant_error(np.zeros(3), np.eye(3, 6), np.eye(3, 7))),
+    ],
+)
+def test_a_wrong_error_function_is_refused_and_not_read_beyond_its_end(
+    fault: str, inner: ErrorFunction
+) -> None:
+    velocity = W if len(inner.keys) > 1 else None
+    for qc in (None, QC):
+        factor = InterpolatedFactor(inner, *STATES, 0.1, velocity=velocity, qc=qc)
+        for _ in range(2):
+            with pytest.raises(ValueError, match=fault):
+                factor.linearize(values_of(0))
 
 
 def test_a_value_of_another_type_is_named() -> None:
