@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import pytest
 from numba import njit
 
 from gpvo.evaluation.report.compilation import CompilationTimer
@@ -51,3 +52,16 @@ def test_the_cost_of_a_run_is_without_compiling() -> None:
     cost = meter.total(1.0, 1)
     assert cost.compile_seconds > 0
     assert cost.wall_seconds + cost.compile_seconds <= time.perf_counter() - begin
+
+
+def test_processor_time_of_a_run_is_not_negative_on_a_busy_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Compiling that waits for the processor takes more elapsed time than processor time."""
+    meter, clock = CostMeter(), time.perf_counter
+    meter.compilation.on_start(None)
+    monkeypatch.setattr(time, "perf_counter", lambda: clock() + 100.0)
+    meter.compilation.on_end(None)
+    cost = meter.total(recording_seconds=1.0, events=1)
+    assert cost.compile_seconds > 100.0
+    assert cost.cpu_seconds >= 0.0

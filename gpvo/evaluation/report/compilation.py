@@ -25,11 +25,13 @@ class CompilationTimer(event.Listener):  # type: ignore[misc]
     ----------
     seconds
         Elapsed seconds so far.
+    cpu_seconds
+        Processor seconds so far; on a busy machine they are fewer.
     """
 
     def __init__(self, began: Callable[[], None] = lambda: None) -> None:
-        self.seconds = 0.0
-        self._began, self._depth, self._start = began, 0, 0.0
+        self.seconds = self.cpu_seconds = 0.0
+        self._began, self._depth, self._start, self._cpu_start = began, 0, 0.0, 0.0
         event.register(KIND, self)
 
     def stop(self) -> float:
@@ -40,7 +42,7 @@ class CompilationTimer(event.Listener):  # type: ignore[misc]
     def on_start(self, event: event.Event) -> None:
         """Take the time when the outermost function begins; numba holds its lock meanwhile."""
         if self._depth == 0:
-            self._start = time.perf_counter()
+            self._start, self._cpu_start = time.perf_counter(), time.process_time()
             self._began()
             self._began = _nothing
         self._depth += 1
@@ -50,6 +52,7 @@ class CompilationTimer(event.Listener):  # type: ignore[misc]
         self._depth -= 1
         if self._depth == 0:
             self.seconds += time.perf_counter() - self._start
+            self.cpu_seconds += time.process_time() - self._cpu_start
 
 
 def _nothing() -> None:

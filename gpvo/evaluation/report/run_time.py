@@ -101,7 +101,7 @@ class CostMeter:
             recording_seconds=recording_seconds,
             events=events,
             wall_seconds=time.perf_counter() - self._wall - compiling,
-            cpu_seconds=time.process_time() - self._cpu - compiling,
+            cpu_seconds=time.process_time() - self._cpu - self.compilation.cpu_seconds,
             peak_memory_bytes=peak_memory_bytes(),
             compile_seconds=compiling,
             stages=dict(self.stages),
