@@ -97,7 +97,7 @@ def last_nees(trajectory: Trajectory, truth: StampedPoses) -> float:
     stamps = trajectory.stamps_ns(np.array([trajectory.start, trajectory.stop]))
     stamps = np.clip(stamps, truth.stamps_ns[0], truth.stamps_ns[-1])
     T_first, T_last = truth.interpolate(stamps).T_world_cam
-    t = np.array([(stamps[1] - trajectory.start_ns) / 1e9])
+    t = np.array([(stamps[1] - trajectory.start_ns) / 1e9]).clip(max=trajectory.stop)  # rounded
     error = se3_log(se3_inverse(trajectory.pose(t)[0]) @ se3_inverse(T_first) @ T_last)
     covariance = trajectory.covariance(t)[0, :6, :6]
     return float(error @ np.linalg.solve(covariance, error))
