@@ -9,6 +9,7 @@ import typer
 
 from gpvo.commands.watch import Save
 from gpvo.errors import InputError
+from gpvo.mapping import LandmarkMap
 from gpvo.trajectory import Trajectory, read_tum
 
 
@@ -26,6 +27,9 @@ def view(
     truth = results / "ground_truth.tum"
     if truth.exists():
         viewer.show_truth(read_tum(truth), int(trajectory.stamps_ns(trajectory.start)))
+    landmarks = results / "map.npz"
+    if landmarks.exists():
+        viewer.show_map(LandmarkMap.load(landmarks))
     viewer.show_trajectory(trajectory)
     viewer.wait()
     viewer.close()

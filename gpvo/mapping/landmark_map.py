@@ -88,7 +88,7 @@ class LandmarkMap(ArrayTable):
         rows = np.zeros(len(self), PLY_TYPE)
         for name, column in zip("xyz", self.position.T, strict=True):
             rows[name] = column
-        for name, column in zip(("red", "green", "blue"), self._colours().T, strict=True):
+        for name, column in zip(("red", "green", "blue"), self.colours.T, strict=True):
             rows[name] = column
         for name in ("deviation", "measurements", "first_time", "last_time"):
             rows[name] = getattr(self, name)
@@ -98,7 +98,8 @@ class LandmarkMap(ArrayTable):
         text = "\n".join([*head, *properties, "end_header\n"])
         path.write_bytes(text.encode("ascii") + rows.tobytes())
 
-    def _colours(self) -> NDArray[np.uint8]:
-        """Return RGB (N, 3) by the deviation relative to the depth, up to 5 %."""
+    @property
+    def colours(self) -> NDArray[np.uint8]:
+        """RGB (N, 3) by the deviation relative to the depth, up to 5 %: blue to yellow."""
         share = np.clip(self.deviation / (0.05 * self.depth), 0, 1)[:, None]
         return np.rint((1 - share) * np.array(CERTAIN) + share * np.array(UNCERTAIN)).astype("u1")

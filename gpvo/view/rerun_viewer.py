@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
+from gpvo.mapping import LandmarkMap
 from gpvo.observer import Step
 from gpvo.trajectory import MotionEstimate, StampedPoses, Trajectory
 from gpvo.view.event_image import Image, event_image
@@ -92,9 +93,10 @@ class RerunViewer:
             self._show_path(so_far[:, :3, 3])
             self._show_motion(MotionEstimate(float(t), T, twist, covariance, trajectory.qc))
 
-    def show_points(self, points: Array, path: str = "world/landmarks") -> None:
-        """Show points (N, 3) of the world."""
-        self._recording.log(path, self._rr.Points3D(points, colors=[GREEN], radii=[-2.0]))
+    def show_map(self, landmarks: LandmarkMap) -> None:
+        """Show a map: blue where it is certain, yellow where it is not."""
+        points = self._rr.Points3D(landmarks.position, colors=landmarks.colours, radii=[-2.0])
+        self._recording.log("world/landmarks", points, static=True)
 
     def wait(self) -> None:
         """Serve the browser until Ctrl-C, if this program serves it."""
@@ -202,7 +204,8 @@ class RerunViewer:
     def _show_landmarks(self, step: Step) -> None:
         landmarks = getattr(step.estimator, "landmarks", None)
         if landmarks is not None:
-            self.show_points(landmarks[1])
+            points = self._rr.Points3D(landmarks[1], colors=[GREEN], radii=[-2.0])
+            self._recording.log("world/landmarks", points)
 
 
 def has_display() -> bool:
