@@ -56,7 +56,7 @@ class RerunViewer:
         self._rr = _rerun()
         self._recording = self._rr.RecordingStream("gpvo")
         self._stages: Mapping[str, float] = {} if stages is None else stages
-        self._spent: dict[str, float] = {}
+        self._spent: dict[str, float] | None = None
         self._tracks = TrackHistory()
         self._path = PathSoFar()
         self._spread: list[tuple[Array, Array]] = []
@@ -165,10 +165,12 @@ class RerunViewer:
             self._recording.log(f"tracklets/{name}", self._rr.Scalars([count]))
 
     def _show_stages(self) -> None:
-        for name, seconds in self._stages.items():
-            spent = 1e3 * (seconds - self._spent.get(name, 0.0))
+        before, self._spent = self._spent, dict(self._stages)
+        if before is None:  # the first cluster's may be spent on compiling
+            return
+        for name, seconds in self._spent.items():
+            spent = 1e3 * (seconds - before.get(name, 0.0))
             self._recording.log(f"stages/{name.replace(' ', '_')}", self._rr.Scalars([spent]))
-        self._spent = dict(self._stages)
 
     def _show_path(self, positions: Array) -> None:
         path = self._rr.LineStrips3D([_thinned(positions)], colors=[BLUE], radii=[-1.5])
