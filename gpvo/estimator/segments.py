@@ -37,6 +37,8 @@ class Segments:
     def begin(self, states: States, knots: CovarianceKnots) -> None:
         """Begin a segment at the end of the present one, given its knots and all states."""
         known = self._in_world(states, knots)
+        if len(known.joint) == 0:  # the present segment is its first state alone
+            return
         self._earlier.append(known)
         self._T_world_first = states.T_world_cam[-1]
         self._covariance = known.joint[-1, 12:18, 12:18]

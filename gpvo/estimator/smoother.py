@@ -271,10 +271,9 @@ class FixedLagSmoother:
         now = self._knots_of(ends)
         if len(now.t):
             self._knots = CovarianceKnots.extended(self._knots, now)
-        self._final.append(ends)
-        states = States.concatenate(self._final)
+        states = States.concatenate([*self._final, ends])
         self._segments.begin(states, CovarianceKnots.joined(self._knots))
-        self._final[-1] = ends[:-1]
+        self._final += [ends[:-1]] if len(ends) > 1 else []
         self._knots, self._leave_before, self._leaving = [], -np.inf, 0
         self._initial = self._reckoning.state_after(ends)
         self._first, self._between, self._solved = self._first + first, None, 0
