@@ -6,6 +6,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from threading import Condition, Thread
 
 import numpy as np
@@ -72,11 +73,13 @@ class Intake:
 
     def _fill(self) -> None:
         try:
+            is_gap = False
             for packet in self._source.packets():
                 with self._changed:
-                    self._waiting.append(packet)
+                    self._waiting.append(replace(packet, after_gap=packet.after_gap or is_gap))
                     self._changed.notify()
-                if sum(map(len, self._waiting)) > MOST_WAITING:
+                    is_gap = sum(map(len, self._waiting)) > MOST_WAITING
+                if is_gap:
                     self.discarded += sum(map(len, self.take_all()))
         except BaseException as error:
             self._failure = error

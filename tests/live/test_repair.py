@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
+import time
 
 import numpy as np
 import pytest
 
 from gpvo.live import LiveOdometry
 from gpvo.live.repair import Repair
-from gpvo.live.session import LiveSession, raw
+from gpvo.live.session import Intake, LiveSession, raw
 from gpvo.live.sources import Packet
 from gpvo.live.sources.packet import no_events
 from gpvo.recordings.streams import EventBlock
@@ -124,9 +125,8 @@ def test_a_failing_source_ends_the_session_with_its_error() -> None:
     assert source.closed
 
 
-def test_time_after_a_gap_is_not_taken_for_rest() -> None:
-    import time
-
+def test_time_after_a_gap_is_not_taken_for_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gpvo.live.session.LONGEST", 60.0)  # whatever else the computer does
     now = time.perf_counter()
     before = list(steady(10**9, arrival=now))
     first, *rest = steady(10**9 + 2_000_000, arrival=now)
@@ -136,3 +136,14 @@ def test_time_after_a_gap_is_not_taken_for_rest() -> None:
     assert live.close() is None
     assert all(report.stop < 0.11 or report.start > 1.99 for report in live.reports)
     assert raw(gap.left)[2][0] == 10**9 + 2_000_000
+
+
+def test_too_much_that_waits_is_thrown_away_as_a_gap(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gpvo.live.session.MOST_WAITING", 500)
+    intake = Intake(Broken(list(steady(10**9))))
+    while not intake._at_end:
+        time.sleep(0.001)
+    left = intake.take_all()
+    assert intake.discarded + sum(map(len, left)) == 20 * 200
+    assert intake.discarded > 0 and sum(map(len, left)) <= 500
+    assert [packet.after_gap for packet in left] == [True] + [False] * (len(left) - 1)
