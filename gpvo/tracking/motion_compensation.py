@@ -27,6 +27,8 @@ PULL = 0.05
 """Weight of the median motion, where a feature at the centre of a cell has the weight 1."""
 STILL = 0.05
 """Share of a full cluster's events below which nothing moved: a tenth of a pixel."""
+NOISY = 0.2
+"""Share below which events that are noise alone are those of a camera at rest."""
 USUAL = 20
 """Number of latest clusters with motion; the fullest of them is full."""
 LEAST_FEATURES = 8
@@ -136,11 +138,12 @@ class MotionCompensation:
         """Compare the events of both cameras with those of recent clusters."""
         count = cluster.left.contour_count + cluster.right.contour_count
         full = np.max(self._full_count, initial=0.0)
-        self._still = bool(count < STILL * full)
+        rests = bool(count < NOISY * full) and self._noise.is_noise(cluster)
+        self._still = rests or bool(count < STILL * full)
         if not self._still:
             self._full_count.append(count)
             self._noise.clear()
-        return self._still and self._noise.is_noise(cluster)
+        return rests
 
     def timed(self, seen: Observations) -> Observations:
         """Move observations from the pictures to the mean times of their events; add the times.
