@@ -106,13 +106,13 @@ class Odometry:
     def _reports(self, clusters: Iterator[StereoCluster]) -> Iterator[ClusterReport]:
         """Process clusters: a cluster is tracked while the one before is estimated.
 
-        Nothing is estimated while a report is out, so that the estimator may be asked then.
+        Nothing is estimated while a report is out, so that the estimator may be asked then. BLAS
+        keeps to one thread meanwhile: with several, results would differ in their last bits.
         """
-        with ThreadPoolExecutor(1) as thread:
+        with one_blas_thread(), ThreadPoolExecutor(1) as thread:
             before: Future[ClusterReport] | None = None
             for cluster in self._staged("events and clustering", clusters):
-                with one_blas_thread():
-                    tracked = self._front_end.process(cluster)
+                tracked = self._front_end.process(cluster)
                 report = ClusterReport.of(cluster, tracked)
                 self._watch.see_cluster(cluster, report)
                 if before is not None:
@@ -130,7 +130,7 @@ class Odometry:
     def _estimate(
         self, cluster: StereoCluster, tracked: TrackedCluster, report: ClusterReport
     ) -> ClusterReport:
-        with self._stage("estimation"), one_blas_thread():
+        with self._stage("estimation"):
             self._measurements.add(cluster.stop, tracked.measurements, tracked.velocity_estimate)
         self.reports.append(report)
         self._observer(Step(cluster, tracked, report, self.estimator))

@@ -12,7 +12,11 @@ from threadpoolctl import ThreadpoolController
 
 
 class _Limit:
-    """The limit of one thread, while anybody in any thread wants it."""
+    """The limit of one thread, while anybody in any thread wants it.
+
+    Of several Python threads only the one that entered first can set and lift it: it has to be the
+    last one that leaves.
+    """
 
     def __init__(self) -> None:
         self._lock, self._users = Lock(), 0
@@ -23,12 +27,13 @@ class _Limit:
             self._users += 1
             if self._users == 1:
                 self._limit = _controller().limit(limits=1, user_api="blas")
+                self._limit.__enter__()
 
     def leave(self) -> None:
         with self._lock:
             self._users -= 1
             if self._users == 0:
-                self._limit.restore_original_limits()
+                self._limit.__exit__(None, None, None)
 
 
 _LIMIT = _Limit()

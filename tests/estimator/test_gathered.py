@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from threading import Thread
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_info
 
-from gpvo.estimator import Estimator, GatheredMeasurements, one_blas_thread
+from gpvo.estimator import (
+    Estimator,
+    FixedLagSmoother,
+    GatheredMeasurements,
+    one_blas_thread,
+)
+from gpvo.odometry import Odometry
+from gpvo.simulation import SimulationConfig, simulate
 from gpvo.tracking.measurements import Measurements
+
+SIMULATED = SimulationConfig(duration=0.6, resolution=(160, 120), focal_length=110.0)
 
 
 def measured(landmarks: list[int], t: float) -> Measurements:
@@ -71,3 +80,18 @@ def test_one_blas_thread_holds_until_the_last_of_all_threads_leaves() -> None:
 def enter_and_leave() -> None:
     with one_blas_thread():
         pass
+
+
+def test_every_update_of_a_run_has_one_blas_thread() -> None:
+    """Whatever thread it is in: with several, its last bits would depend on the moment."""
+    seen: list[set[int]] = []
+
+    class Watched(FixedLagSmoother):
+        def update(self, *given: Any) -> None:
+            seen.append(threads())
+            super().update(*given)
+
+    recording = simulate(SIMULATED)
+    camera = Odometry(recording.rig).camera
+    Odometry(recording.rig, estimator=Watched(camera)).run(recording)
+    assert len(seen) > 5 and all(each == {1} for each in seen)
