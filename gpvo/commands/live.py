@@ -18,6 +18,7 @@ from gpvo.commands.inputs import (
     Output,
     RightTopic,
     Seed,
+    checked_duration,
     configured,
     console,
 )
@@ -25,7 +26,7 @@ from gpvo.commands.interruption import end_at_ctrl_c
 from gpvo.commands.live_trajectory import live_file
 from gpvo.commands.progress import live_progress
 from gpvo.commands.result import FILES
-from gpvo.commands.run import write_results
+from gpvo.commands.run import DEAD_RECKONING, write_results
 from gpvo.commands.seen import Seen
 from gpvo.commands.watch import Save, Video, View, Watch
 from gpvo.errors import InputError
@@ -59,10 +60,11 @@ def live(
 ) -> None:
     """Estimate the motion while events come; Ctrl-C ends it and writes the results.
 
-    Exit status 130 after Ctrl-C.
+    Exit status 3: most of the trajectory is dead reckoning. 130 and 143: ended by Ctrl-C or
+    SIGTERM, with the results so far.
     """
     configuration = configured(config, seed)
-    span = start, np.inf if duration is None else duration
+    span = start, checked_duration(duration) or np.inf
     rig, events = _opened(source, calibration, speed, span, left_topic, right_topic)
     folder = claim_folder(output or new_folder(_name(source)), FILES)
     recorder = Recorder(record, rig) if record else None
@@ -85,10 +87,12 @@ def live(
     if trajectory is None:
         lost = lost_stage(odometry.reports) if odometry.reports else "no events came"
         raise InputError(f"{source}: no landmark could be tracked: {lost}")
-    write_results(folder, odometry.odometry, trajectory, None, meter, seen, console)
+    judged = write_results(folder, odometry.odometry, trajectory, None, meter, seen, console)
     _say(session)
     if interruption.happened:
         raise typer.Exit(interruption.status)
+    if judged.word == "failed":
+        raise typer.Exit(DEAD_RECKONING)
 
 
 @contextmanager

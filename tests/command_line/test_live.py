@@ -27,7 +27,7 @@ def arguments(recording: RecordingFiles, output: Path, *more: str | Path) -> lis
 
 def test_results_are_written_and_the_events_kept(recording: RecordingFiles, tmp_path: Path) -> None:
     kept, output = tmp_path / "kept.aedat4", tmp_path / "out"
-    command = arguments(recording, output, "--speed", "0.5", "--record", kept)
+    command = arguments(recording, output, "--speed", "0.2", "--record", kept)
     ended = subprocess.run(command, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
     assert "latency" in ended.stdout and "verdict" in ended.stdout
@@ -114,3 +114,10 @@ def test_bad_input_is_one_line(source: str, message: str, tmp_path: Path) -> Non
     ended = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert ended.returncode == 2
     assert message in ended.stderr and ended.stderr.count("\n") == 1
+
+
+def test_no_time_is_refused(recording: RecordingFiles, tmp_path: Path) -> None:
+    command = arguments(recording, tmp_path / "out", "--duration", "0")
+    ended = subprocess.run(command, capture_output=True, text=True)
+    assert ended.returncode == 2 and not (tmp_path / "out").exists()
+    assert ended.stderr == "gpvo: --duration 0: give a positive number of seconds\n"
