@@ -188,6 +188,7 @@ def run_and_write(
     meter = CostMeter(compilation=CompilationTimer(lambda: console.print(COMPILING)))
     stop = min(start + duration, recording.duration)
     with (
+        meter.compilation,
         end_at_ctrl_c(saved=lambda: saved(folder)) as interruption,
         writing(folder),
         _ends_without_results(interruption),

@@ -33,7 +33,7 @@ def test_first_command_ends_in_the_demo(
 
 def test_second_command_passes_the_tests() -> None:
     lines = [line for line in TEXTS[README].splitlines() if line.startswith("python3 -m venv")]
-    assert len([line for line in lines if line.endswith("-m pytest")]) == 1
+    assert len([line for line in lines if "-m pytest" in line]) == 1
 
 
 def test_the_readme_is_one_screen() -> None:

@@ -76,9 +76,10 @@ def room() -> SimulatedRecording:
 
 
 def noise(rate: float, duration: float, seed: int) -> Events:
+    """Make events at random, more to the left: evenly spread they would be those of rest."""
     rng = np.random.default_rng(seed)
     count = rng.poisson(rate * SIZE[0] * SIZE[1] * duration)
-    x, y = (rng.integers(side, size=count).astype(np.uint16) for side in SIZE)
+    x, y = ((side * rng.random(count) ** 2).astype(np.uint16) for side in SIZE)
     return Events(x, y, np.sort(rng.uniform(0, duration, count)), rng.random(count) < 0.5)
 
 

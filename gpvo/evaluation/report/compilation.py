@@ -33,11 +33,20 @@ class CompilationTimer(event.Listener):  # type: ignore[misc]
         self.seconds = self.cpu_seconds = 0.0
         self._began, self._depth, self._start, self._cpu_start = began, 0, 0.0, 0.0
         event.register(KIND, self)
+        self._listens = True
 
     def stop(self) -> float:
-        """Stop listening; return the seconds."""
-        event.unregister(KIND, self)
+        """Stop listening, if it still does; return the seconds."""
+        if self._listens:
+            event.unregister(KIND, self)
+            self._listens = False
         return self.seconds
+
+    def __enter__(self) -> CompilationTimer:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
 
     def on_start(self, event: event.Event) -> None:
         """Take the time when the outermost function begins; numba holds its lock meanwhile."""
