@@ -1,19 +1,24 @@
 """What MkDocs fills into pages: other Markdown files, and the tables of the configuration.
 
 A line `{{ include PATH }}` becomes the Markdown file, `{{ configuration }}` a table of all fields.
+Formulas become MathML, which browsers show without a network.
 """
 
 from __future__ import annotations
 
 import re
+from html import unescape
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
 
 from gpvo.config.tables import configuration_tables
 
+FORMULA = re.compile(r'<(span|div) class="arithmatex">\\(\(|\[)(.*?)\\[)\]]</\1>', re.DOTALL)
+"""A formula as Markdown leaves it, in its line or between lines."""
 REPOSITORY = Path(__file__).resolve().parents[1]
 PACKAGES = (
     "gpvo",
@@ -38,6 +43,16 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     """Fill in what a page asks for; called by MkDocs."""
     markdown = markdown.replace("{{ configuration }}", configuration_tables())
     return re.sub(r"\{\{ include (\S+) \}\}", _included, markdown)
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Turn the formulas of a page into MathML; called by MkDocs."""
+    return FORMULA.sub(_mathml, html)
+
+
+def _mathml(found: re.Match[str]) -> str:
+    kind = "block" if found[2] == "[" else "inline"
+    return f"<{found[1]}>{convert(unescape(found[3]).strip(), display=kind)}</{found[1]}>"
 
 
 def _included(found: re.Match[str]) -> str:
