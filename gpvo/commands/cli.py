@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
+from threading import current_thread, main_thread
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -102,7 +106,8 @@ class LazyCommands(TyperGroup):
         command = COMMANDS[cmd_name]
         if self._listing:
             return TyperCommand(cmd_name, help=command.line)
-        module = import_module(f"gpvo.commands.{command.module}")
+        with _ends_at_once():
+            module = import_module(f"gpvo.commands.{command.module}")
         one = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
         one.command(cmd_name, context_settings=HELP)(getattr(module, command.function))
         return typer.main.get_command(one)
@@ -153,6 +158,29 @@ def _options(
 def _terminated(*_: object) -> None:
     print("gpvo: terminated; nothing was saved", file=sys.stderr)
     sys.exit(TERMINATED)
+
+
+@contextmanager
+def _ends_at_once() -> Iterator[None]:
+    """Let signals end the process at once while packages are loaded.
+
+    An exception would come out of the package that is being initialised as another one.
+    """
+
+    def end(number: int, _: object) -> None:
+        what = "interrupted" if number == signal.SIGINT else "terminated"
+        print(f"gpvo: {what}; nothing was saved", file=sys.stderr, flush=True)
+        os._exit(128 + number)
+
+    if current_thread() is not main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def main() -> None:

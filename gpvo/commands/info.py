@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -147,7 +147,7 @@ class Summary:
 
     def _facts(self) -> list[tuple[str, str]]:
         recording, rig = self.recording, self.recording.rig
-        start = datetime.fromtimestamp(recording.start_ns // 10**9, timezone.utc)
+        start = datetime.fromtimestamp(recording.start_ns // 10**9, UTC)
         facts = [
             ("format", recording.format_name),
             ("duration", f"{recording.duration:.6f} s"),

@@ -6,7 +6,7 @@ import hashlib
 import json
 import sys
 from dataclasses import asdict, dataclass
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +58,7 @@ def write_provenance(folder: Path, request: Request, configuration: Configuratio
     """Write what a run is made from into its folder."""
     facts = {
         "command": sys.argv,
-        "started": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "request": asdict(request),
         "files": {name: identity(path) for name, path in request.files.items()},
         "configuration": configuration.model_dump(mode="json"),

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from importlib.metadata import Distribution, distribution
 from pathlib import Path
 from typing import Any
 
-import pytest
 from packaging.requirements import Requirement
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -15,8 +13,6 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 
 def project(path: Path = REPOSITORY / "pyproject.toml") -> dict[str, Any]:
     """Return the table [project] of a pyproject.toml."""
-    if sys.version_info < (3, 11):
-        pytest.skip("tomllib is in Python from 3.11 on")
     import tomllib
 
     return tomllib.loads(path.read_text())["project"]
