@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import import_module
-from threading import current_thread, main_thread
 from typing import Annotated, Any, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from gpvo.commands.interruption import INTERRUPTED, TERMINATED, end_at_once
 from gpvo.errors import InputError, OutputError
 
 BAD_INPUT = 2
 """Exit status for bad input."""
 NOT_WRITTEN = 4
 """Exit status for results that could not be written."""
-INTERRUPTED, TERMINATED = 130, 143
-"""Exit status after Ctrl-C, and after SIGTERM."""
 HELP = {"help_option_names": ["-h", "--help"]}
 
 
@@ -106,7 +101,7 @@ class LazyCommands(TyperGroup):
         command = COMMANDS[cmd_name]
         if self._listing:
             return TyperCommand(cmd_name, help=command.line)
-        with _ends_at_once():
+        with end_at_once():
             module = import_module(f"gpvo.commands.{command.module}")
         one = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
         one.command(cmd_name, context_settings=HELP)(getattr(module, command.function))
@@ -158,29 +153,6 @@ def _options(
 def _terminated(*_: object) -> None:
     print("gpvo: terminated; nothing was saved", file=sys.stderr)
     sys.exit(TERMINATED)
-
-
-@contextmanager
-def _ends_at_once() -> Iterator[None]:
-    """Let signals end the process at once while packages are loaded.
-
-    An exception would come out of the package that is being initialised as another one.
-    """
-
-    def end(number: int, _: object) -> None:
-        what = "interrupted" if number == signal.SIGINT else "terminated"
-        print(f"gpvo: {what}; nothing was saved", file=sys.stderr, flush=True)
-        os._exit(128 + number)
-
-    if current_thread() is not main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Ctrl-C or a request to end: the first keeps what the work gave, the second ends the program."""
+"""Ctrl-C or SIGTERM: at once while packages load, then the first keeps what the work gave."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from threading import current_thread, main_thread
 
-from gpvo.commands.cli import INTERRUPTED, TERMINATED
+Handler = Callable[[int, object], None]
+INTERRUPTED, TERMINATED = 128 + signal.SIGINT, 128 + signal.SIGTERM
+"""Exit status after Ctrl-C, and after SIGTERM."""
 
 
 class Interruption:
@@ -20,6 +22,35 @@ class Interruption:
 
 
 @contextmanager
+def signals_to(handler: Handler) -> Iterator[None]:
+    """Let a function handle Ctrl-C and SIGTERM; they go to the main thread alone."""
+    if current_thread() is not main_thread():
+        yield
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, handler) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, earlier in zip(numbers, before, strict=True):
+            signal.signal(number, earlier)
+
+
+def end_at_once() -> AbstractContextManager[None]:
+    """End the process at once, for the time while packages are loaded.
+
+    An exception would come out of the package that is being initialised as another one.
+    """
+
+    def end(number: int, _: object) -> None:
+        what = "interrupted" if number == signal.SIGINT else "terminated"
+        print(f"gpvo: {what}; nothing was saved", file=sys.stderr, flush=True)
+        os._exit(128 + number)
+
+    return signals_to(end)
+
+
+@contextmanager
 def end_at_ctrl_c(
     end: Callable[[], None] = lambda: None, saved: Callable[[], str] = lambda: ""
 ) -> Iterator[Interruption]:
@@ -27,7 +58,7 @@ def end_at_ctrl_c(
     interruption = Interruption()
 
     def handle(number: int, _: object) -> None:
-        status = INTERRUPTED if number == signal.SIGINT else TERMINATED
+        status = 128 + number
         if interruption.happened:
             print(f"gpvo: ended at once; {saved()}", file=sys.stderr, flush=True)
             os._exit(status)
@@ -35,13 +66,5 @@ def end_at_ctrl_c(
         print("gpvo: ending, results follow; Ctrl-C again ends at once", file=sys.stderr)
         end()
 
-    if current_thread() is not main_thread():  # signals go to the main thread alone
+    with signals_to(handle):
         yield interruption
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, handle) for number in numbers]
-    try:
-        yield interruption
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
