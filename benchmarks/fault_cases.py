@@ -50,7 +50,8 @@ def _both(recording: SimulatedRecording, change: Callable[[Events], Events]) -> 
     return replace(recording, left=change(recording.left), right=change(recording.right))
 
 
-def _merged(events: Events, more: Events) -> Events:
+def merged(events: Events, more: Events) -> Events:
+    """Join two streams in order of time."""
     both = Events.concatenate([events, more])
     return both[np.argsort(both.t, kind="stable")]
 
@@ -99,7 +100,7 @@ def standstill(seconds: float, noise: float) -> Harm:
         def change(events: Events) -> Events:
             later = np.where(events.t < t, events.t, events.t + seconds)
             between = _noise(recording.rig.resolution, noise, t, seconds, rng)
-            return _merged(replace(events, t=later), between)
+            return merged(replace(events, t=later), between)
 
         still = _both(recording, change)
         truth = _held(recording.ground_truth, recording.stamp_ns(t), round(seconds * 1e9))
@@ -136,7 +137,7 @@ def hot_pixel(recording: SimulatedRecording, t: float, rng: Rng) -> SimulatedRec
     width, height = recording.rig.resolution
     column, row = np.full(len(times), width // 3), np.full(len(times), height // 3)
     hot = Events(column.astype(np.uint16), row.astype(np.uint16), times, np.ones(len(times), bool))
-    return replace(recording, left=_merged(recording.left, hot))
+    return replace(recording, left=merged(recording.left, hot))
 
 
 def right_loses(share: float) -> Harm:
@@ -157,7 +158,7 @@ def doubled(recording: SimulatedRecording, t: float, rng: Rng) -> SimulatedRecor
 def burst(recording: SimulatedRecording, t: float, rng: Rng) -> SimulatedRecording:
     """Let every pixel of both cameras fire at random for 50 ms, at 400 Hz."""
     resolution = recording.rig.resolution
-    return _both(recording, lambda events: _merged(events, _noise(resolution, 400, t, 0.05, rng)))
+    return _both(recording, lambda events: merged(events, _noise(resolution, 400, t, 0.05, rng)))
 
 
 def flashes(recording: SimulatedRecording, t: float, rng: Rng) -> SimulatedRecording:
@@ -167,7 +168,7 @@ def flashes(recording: SimulatedRecording, t: float, rng: Rng) -> SimulatedRecor
 
     def change(events: Events) -> Events:
         for start in times.tolist():
-            events = _merged(events, _noise(resolution, 600, start, 0.005, rng))
+            events = merged(events, _noise(resolution, 600, start, 0.005, rng))
         return events
 
     return _both(recording, change)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.fault_cases import Harm, Rng
+from benchmarks.fault_cases import Harm, Rng, merged
 from gpvo.recordings import Events
 from gpvo.simulation import SimulatedRecording
 
@@ -62,5 +62,4 @@ def with_more(events: Events, x: np.ndarray, y: np.ndarray, t: np.ndarray) -> Ev
     """Add events at columns, rows and times (N,), seconds, to a stream."""
     polarity = np.arange(len(t)) % 2 == 0
     more = Events(x.astype(np.uint16), y.astype(np.uint16), t.round(6), polarity)
-    both = Events.concatenate([events, more])
-    return both[np.argsort(both.t, kind="stable")]
+    return merged(events, more)

@@ -21,7 +21,7 @@ from gpvo.evaluation.poses.load import load_poses
 from gpvo.recordings import Events, Recording, open_recording
 from gpvo.recordings.calibration.find import Calibration, MissingCalibrationError
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
-from gpvo.recordings.checks.clock_offset import clock_offset
+from gpvo.recordings.checks.clock_offset import clock_offset, events_per_millisecond
 
 GAP_SECONDS = 0.05
 """Longest normal time between events, seconds; even a camera at rest has noise events."""
@@ -99,7 +99,7 @@ class CameraEvents:
         self._count_milliseconds(events.t)
 
     def _count_milliseconds(self, t: NDArray[np.float64]) -> None:
-        counts = np.bincount((t * 1000).astype(np.int64), minlength=len(self.per_millisecond))
+        counts = events_per_millisecond(t, len(self.per_millisecond))
         counts[: len(self.per_millisecond)] += self.per_millisecond
         self.per_millisecond = counts
 

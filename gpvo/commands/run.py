@@ -68,7 +68,7 @@ from gpvo.recordings import Recording, open_recording
 from gpvo.recordings.right_offset import with_right_offset
 from gpvo.simulation import SimulationConfig, simulate
 from gpvo.trajectory import StampedPoses, Trajectory
-from gpvo.verdict import Verdict
+from gpvo.verdict import Verdict, verdict
 
 COMPILING = "compiling for this machine, which the first run does once and takes a minute or two"
 NO_WATCH = Watch()
@@ -256,7 +256,8 @@ def write_results(
     events = sum(report.events for report in reports)
     cost = meter.total(reports[-1].stop - reports[0].start, events)
     evaluation = evaluate_trajectory(trajectory, truth) if truth else None
-    diagnostics, judged = odometry.estimator.diagnostics, odometry.verdict()
+    diagnostics = odometry.estimator.diagnostics
+    judged = verdict(reports, odometry.faults, trajectory)
     configuration = odometry.configuration
     result = Result(trajectory, reports, diagnostics, configuration, judged, evaluation, truth)
     result.write(folder, plots, seen.noise.text)

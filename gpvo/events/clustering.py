@@ -59,11 +59,16 @@ class ClusterEvents:
         return max(0.0, self.event_count - self.noise_count)
 
     @cached_property
-    def coverage(self) -> float:
-        """Share of the raw pixels with an event, from 0 to 1."""
+    def active(self) -> NDArray[np.bool_]:
+        """Raw pixels (raw height, raw width) with an event."""
         active = np.zeros(self.table.shape[:2], np.bool_)
         _mark(active, self.events.x, self.events.y)
-        return float(active.mean())
+        return active
+
+    @property
+    def coverage(self) -> float:
+        """Share of the raw pixels with an event, from 0 to 1."""
+        return float(self.active.mean())
 
     @cached_property
     def surface_of_active_events(self) -> NDArray[np.float64]:

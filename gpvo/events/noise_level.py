@@ -48,9 +48,7 @@ class NoiseLevel:
 
 def block_counts(events: ClusterEvents) -> NDArray[np.float64]:
     """Return the numbers of pixels with events, block by block of the sensor."""
-    height, width = events.table.shape[:2]
+    height, width = events.active.shape
     rows, columns = height // BLOCK, width // BLOCK
-    seen = np.zeros((height, width), np.bool_)
-    seen[events.events.y, events.events.x] = True
-    blocks = seen[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK)
+    blocks = events.active[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK)
     return np.asarray(blocks.sum(axis=(1, 3)).ravel(), np.float64)

@@ -41,7 +41,7 @@ def checked_events(events: RawEvents, side: str, camera: Camera, before_ns: int)
     if len(set(lengths)) != 1 or x.ndim != 1:
         raise InputError(f"{side}: x, y, t, polarity must have one length, not {lengths}")
     if len(x) == 0:
-        return EventBlock(*(np.empty(0, kind) for kind in ("u2", "u2", "i8", "?")))
+        return EventBlock.empty()
     for name, column in zip(("x", "y", "t"), columns, strict=False):
         _check_whole(column, f"{side} {name}")
     for name, column, size in zip("xy", (x, y), camera.resolution, strict=True):
@@ -85,6 +85,8 @@ def _check_order(t_ns: NDArray[np.int64], before_ns: int, name: str) -> None:
 
 
 def _checked_polarity(polarity: NDArray[Any], name: str) -> NDArray[np.bool_]:
-    if polarity.dtype.kind not in "biu" or not np.isin(polarity, (-1, 0, 1)).all():
+    if polarity.dtype.kind == "b":
+        return np.asarray(polarity, np.bool_)
+    if polarity.dtype.kind not in "iu" or not np.isin(polarity, (-1, 0, 1)).all():
         raise InputError(f"{name}: must be bool, or 1 and 0 or -1")
     return np.asarray(polarity == 1)

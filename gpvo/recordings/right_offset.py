@@ -9,7 +9,7 @@ import numpy as np
 
 from gpvo.errors import InputError
 from gpvo.recordings.base import Events, Recording, StereoEvents
-from gpvo.recordings.checks.clock_offset import clock_offset
+from gpvo.recordings.checks.clock_offset import clock_offset, events_per_millisecond
 from gpvo.recordings.event_batches import stereo_batches
 
 LOOKED_AT = 20.0
@@ -64,7 +64,7 @@ def found_offset(recording: Recording) -> float:
     length = int(min(LOOKED_AT, recording.duration) * 1000) + 1
     for batch in recording.event_batches(0.0, LOOKED_AT):
         for side, events in enumerate((batch.left, batch.right)):
-            more = np.bincount((events.t * 1000).astype(np.int64), minlength=length)[:length]
+            more = events_per_millisecond(events.t, length)[:length]
             counts[side] = more if len(counts[side]) == 0 else counts[side] + more
     return clock_offset(*counts) or 0.0
 

@@ -39,6 +39,11 @@ class EventBlock(ArrayTable):
     t_ns: NDArray[np.int64]
     polarity: NDArray[np.bool_]
 
+    @staticmethod
+    def empty() -> EventBlock:
+        """Return a block without events."""
+        return EventBlock(*(np.empty(0, kind) for kind in ("u2", "u2", "i8", "?")))
+
     @classmethod
     def concatenate(cls, parts: Iterable[EventBlock]) -> EventBlock:
         """Join consecutive parts of one stream; at least one is needed."""

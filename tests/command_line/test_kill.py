@@ -18,6 +18,16 @@ from gpvo.trajectory import read_tum
 COMMAND = [sys.executable, "-c", "from gpvo.commands.cli import main; main()"]
 
 
+def started(recording: RecordingFiles, folder: Path) -> subprocess.Popen[str]:
+    """Start a run that writes to a folder; what it says on stderr is kept."""
+    return subprocess.Popen(
+        [*COMMAND, *recording.arguments(folder)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
 @pytest.mark.parametrize("method", ["fixed_lag", "batch"])
 def test_killed_run_leaves_whole_lines_that_can_be_evaluated(
     recording: RecordingFiles, tmp_path: Path, method: str
@@ -52,12 +62,7 @@ def test_killed_run_leaves_whole_lines_that_can_be_evaluated(
 def test_a_run_that_is_to_end_keeps_the_results_so_far(
     recording: RecordingFiles, tmp_path: Path, number: signal.Signals, status: int
 ) -> None:
-    process = subprocess.Popen(
-        [*COMMAND, *recording.arguments(tmp_path / "out")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = started(recording, tmp_path / "out")
     file = tmp_path / "out" / "trajectory.tum"
     try:
         while process.poll() is None and not (file.exists() and len(file.read_bytes()) > 500):
@@ -82,12 +87,7 @@ def test_the_end_may_come_at_any_time(
     recording: RecordingFiles, tmp_path: Path, number: signal.Signals, delay: float
 ) -> None:
     """While packages are loaded, files opened, functions compiled or results written."""
-    process = subprocess.Popen(
-        [*COMMAND, *recording.arguments(tmp_path / "out")],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = started(recording, tmp_path / "out")
     time.sleep(delay)
     process.send_signal(number)
     try:

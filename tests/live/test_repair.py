@@ -12,7 +12,6 @@ from gpvo.live import LiveOdometry
 from gpvo.live.repair import Repair
 from gpvo.live.session import Intake, LiveSession, raw
 from gpvo.live.sources import Packet
-from gpvo.live.sources.packet import no_events
 from gpvo.recordings.streams import EventBlock
 from gpvo.simulation import SimulationConfig
 
@@ -78,7 +77,7 @@ def test_small_disorder_is_sorted_and_what_lies_outside_is_left_out() -> None:
 def test_damaged_stamps_within_a_packet_are_left_out() -> None:
     t = np.arange(0, 5000, 50)
     t[50] = 2**50
-    _, found = repaired([Packet(block(t), no_events(), 1.0)])
+    _, found = repaired([Packet(block(t), EventBlock.empty(), 1.0)])
     t_us = found[0][0].t_ns // 1000
     assert len(t_us) >= 49 and (t_us < 5000).all()
 

@@ -16,7 +16,6 @@ from gpvo import Configuration, InputError, LiveOdometry, Odometry
 from gpvo.live.session import LiveSession
 from gpvo.live.sources import RecordingPlayer, open_cameras
 from gpvo.live.sources import two_cameras as two_cameras_module
-from gpvo.live.sources.packet import no_events
 from gpvo.live.sources.two_cameras import TwoCameras
 from gpvo.live.sources.usb import UsbCamera
 from gpvo.recordings import Events
@@ -151,7 +150,7 @@ class Scripted:
         self._script = script
 
     def read(self) -> EventBlock | None:
-        return self._script.pop(0) if self._script else no_events()
+        return self._script.pop(0) if self._script else EventBlock.empty()
 
     def close(self) -> None:
         pass

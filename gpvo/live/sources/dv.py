@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from gpvo.errors import InputError
-from gpvo.live.sources.packet import no_events
 from gpvo.recordings.streams import EventBlock
 
 
@@ -30,7 +29,7 @@ class DvStream:
         """Return what arrived since the last call, perhaps nothing; None if the sender is gone."""
         batch = self._reader.getNextEventBatch()
         if batch is None or batch.size() == 0:
-            return no_events() if self._reader.isRunningAny() else None
+            return EventBlock.empty() if self._reader.isRunningAny() else None
         events = batch.numpy()
         t_ns = events["timestamp"].astype(np.int64) * 1000
         # dv-processing has signed pixels; a negative one becomes one outside of the sensor.

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-
 from gpvo.recordings.streams import EventBlock
 
 
@@ -44,8 +42,3 @@ class Source(Protocol):
     def close(self) -> None:
         """Let cameras and connections go."""
         ...
-
-
-def no_events() -> EventBlock:
-    """Return a block without events."""
-    return EventBlock(*(np.empty(0, kind) for kind in ("u2", "u2", "i8", "?")))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Protocol
 
 from gpvo.errors import InputError
-from gpvo.live.sources.packet import Packet, no_events
+from gpvo.live.sources.packet import Packet
 from gpvo.recordings.streams import EventBlock
 
 log = logging.getLogger("gpvo.live")
@@ -98,7 +98,7 @@ class _Side:
         if block is not None:
             return block
         self._reopen()
-        return no_events()
+        return EventBlock.empty()
 
     def close(self) -> None:
         if self._stream is not None:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from gpvo.errors import InputError
-from gpvo.live.sources.packet import no_events
 from gpvo.recordings.streams import EventBlock
 
 TIMEOUT = 0.001
@@ -31,7 +30,7 @@ class UsbCamera:
             return None
         events = None if packet is None else packet.polarity_events
         if events is None or len(events) == 0:
-            return no_events()
+            return EventBlock.empty()
         t_ns = events["t"].astype(np.int64) * 1000
         return EventBlock(events["x"], events["y"], t_ns, events["on"].astype(bool))
 

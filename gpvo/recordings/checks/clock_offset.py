@@ -50,6 +50,11 @@ def clock_offset(left: NDArray[np.int64], right: NDArray[np.int64]) -> float | N
     return (near.start + int(correlation[near].argmax()) - reach) / 1000.0
 
 
+def events_per_millisecond(t: NDArray[np.float64], length: int = 0) -> NDArray[np.int64]:
+    """Count the events at times (N,), seconds from 0 on, in `length` milliseconds or more."""
+    return np.bincount((t * 1000).astype(np.int64), minlength=length)
+
+
 def correlations(
     left: NDArray[np.float64], right: NDArray[np.float64], reach: int
 ) -> NDArray[np.float64]:
