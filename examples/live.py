@@ -24,11 +24,9 @@ def new_events(events: Events, start: float) -> RawEvents:
 
 with LiveOdometry(recording.rig) as live:
     for start in np.arange(0, recording.duration, 0.005):
-        for report in live.push(
-            new_events(recording.left, start), new_events(recording.right, start)
-        ):
-            now = live.latest(report.stop)
-            if now is not None:
-                x, y, z = now.T_world_cam[:3, 3]
-                sigma = 1e3 * np.sqrt(np.diag(now.covariance)[3:6].max())
-                print(f"{now.t:.3f} s: {x:+.3f} {y:+.3f} {z:+.3f} m, within {sigma:.1f} mm")
+        estimated = live.push(new_events(recording.left, start), new_events(recording.right, start))
+        now = live.latest()
+        if estimated and now is not None:
+            x, y, z = now.T_world_cam[:3, 3]
+            sigma = 1e3 * np.sqrt(np.diag(now.covariance)[3:6].max())
+            print(f"{now.t:.3f} s: {x:+.3f} {y:+.3f} {z:+.3f} m, within {sigma:.1f} mm")

@@ -97,8 +97,9 @@ class FrontEnd:
         self._tracker = MultiResolutionTracker(full.tracking) if tracker is None else tracker
         self._tracklets = Tracklets(full.tracklets)
         self._tracked_pixel = full.tracking.pixel
+        self._image_speed: float | None = None
         self._stage = stage
-        self.clustering = Clustering(rig, self.configuration.clustering, self.image_speed)
+        self.clustering = Clustering(rig, self.configuration.clustering, lambda: self._image_speed)
 
     def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
         """Cut a stream into clusters, each to be processed before the next one is taken."""
@@ -111,14 +112,6 @@ class FrontEnd:
         """
         if isinstance(self._tracker, MultiResolutionTracker):
             self._tracker.limit_features(share)
-
-    def image_speed(self) -> float | None:
-        """Return the speed of the features in the latest clusters, tracked pixels per second.
-
-        It is None while few features are known at two times.
-        """
-        speed = self._tracklets.image_speed()
-        return None if speed is None else speed / self._tracked_pixel
 
     def process(self, cluster: StereoCluster) -> TrackedCluster:
         """Track landmarks into the next cluster, in order of time, and reject outliers."""
@@ -134,6 +127,7 @@ class FrontEnd:
             inliers = np.zeros(len(later), bool) if estimate is None else estimate.inliers
             self._tracklets.reject(later.landmark[~inliers])
             measurements = self._tracklets.take(later.landmark[inliers])
+        self._image_speed = self._tracked_speed()
         return TrackedCluster(
             observations,
             self._tracking_report(),
@@ -145,6 +139,11 @@ class FrontEnd:
             inliers,
             measurements,
         )
+
+    def _tracked_speed(self) -> float | None:
+        """Return the speed of the features, tracked pixels per second; None while few are known."""
+        speed = self._tracklets.image_speed()
+        return None if speed is None else speed / self._tracked_pixel
 
     def _tracking_report(self) -> TrackingReport | None:
         """Return what the tracker says of the latest cluster, which a user's own need not do."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from itertools import takewhile
 from typing import Any, TypeVar
@@ -21,6 +21,7 @@ from gpvo.front_end import FrontEnd, TrackedCluster
 from gpvo.lost_stage import lost_stage
 from gpvo.observer import Observer, Step, no_observer
 from gpvo.recordings import Recording, StereoEvents, StereoRig
+from gpvo.second_thread import SecondThread
 from gpvo.tracking import Tracker
 from gpvo.trajectory import Trajectory
 from gpvo.verdict import Verdict, verdict
@@ -36,8 +37,9 @@ class Odometry:
 
     `stage`, if given, is entered around every stage with the stage's name, to time it. `tracker`
     and `estimator` take the place of those that the configuration names. `observer` is called with
-    a `Step` after each cluster. Faults of the events are said while they come, each kind once, also
-    where landmarks are lost if most clusters of the first second have no inliers.
+    a `Step` after each cluster, in the thread that estimates. Faults of the events are said while
+    they come, each kind once, also where landmarks are lost if most clusters of the first second
+    have no inliers.
     """
 
     def __init__(
@@ -58,6 +60,7 @@ class Odometry:
         config = self.configuration.estimator
         self.estimator = estimator or make_estimator(self.camera, self._front_end.noise, config)
         self._measurements = GatheredMeasurements(self.estimator, config.interval)
+        self._estimates = SecondThread[ClusterReport]()
 
     def run(
         self,
@@ -86,40 +89,46 @@ class Odometry:
         return trajectory
 
     def reports_of(self, batches: Iterable[StereoEvents]) -> Iterator[ClusterReport]:
-        """Estimate the motion during a whole stream, and report every cluster."""
+        """Estimate the motion during a whole stream, and report every cluster.
+
+        Nothing is estimated while a report is out, so that the estimator may be asked then.
+        """
         yield from self._reports(self._front_end.clusters(self._watched(batches)))
-        self._measurements.flush()
+        yield from self._ended()
 
     def push(self, batch: StereoEvents) -> Iterator[ClusterReport]:
-        """Estimate the motion during the clusters that the next batch completes, and report them.
+        """Track the clusters that the next batch completes; report those that were estimated.
 
-        A batch that starts later than the one before stopped follows time without data.
+        The latest may still be estimated when this returns, and is reported by a later call. A
+        batch that starts later than the one before stopped follows time without data.
         """
-        (watched,) = self._watched([batch])
-        return self._reports(self._front_end.clustering.add(watched))
+        self._watch.see_events(batch)
+        yield from self._reports(self._front_end.clustering.add(batch))
+        yield from self._estimates.done()
 
     def end(self) -> Iterator[ClusterReport]:
         """Estimate the motion during what is left after the last batch."""
         yield from self._reports(self._front_end.clustering.end())
-        self._measurements.flush()
+        yield from self._ended()
+
+    def settle(self) -> None:
+        """Wait until all clusters that were tracked are estimated; then nothing changes."""
+        self._estimates.settle()
 
     def _reports(self, clusters: Iterator[StereoCluster]) -> Iterator[ClusterReport]:
-        """Process clusters: a cluster is tracked while the one before is estimated.
-
-        Nothing is estimated while a report is out, so that the estimator may be asked then. BLAS
-        keeps to one thread meanwhile: with several, results would differ in their last bits.
-        """
-        with one_blas_thread(), ThreadPoolExecutor(1) as thread:
-            before: Future[ClusterReport] | None = None
+        """Process clusters: a cluster is tracked while the one before is estimated."""
+        with one_blas_thread():
             for cluster in self._staged("events and clustering", clusters):
                 tracked = self._front_end.process(cluster)
                 report = ClusterReport.of(cluster, tracked)
                 self._watch.see_cluster(cluster, report)
-                if before is not None:
-                    yield before.result()
-                before = thread.submit(self._estimate, cluster, tracked, report)
-            if before is not None:
-                yield before.result()
+                yield from self._estimates.wait()
+                self._estimates.start(self._estimate, cluster, tracked, report)
+
+    def _ended(self) -> Iterator[ClusterReport]:
+        yield from self._estimates.wait()
+        with one_blas_thread():
+            self._measurements.flush()
 
     def _watched(self, batches: Iterable[StereoEvents]) -> Iterator[StereoEvents]:
         """The same batches, each looked at for faults."""
@@ -130,7 +139,8 @@ class Odometry:
     def _estimate(
         self, cluster: StereoCluster, tracked: TrackedCluster, report: ClusterReport
     ) -> ClusterReport:
-        with self._stage("estimation"):
+        # With several threads of BLAS results would differ in their last bits.
+        with self._stage("estimation"), one_blas_thread():
             self._measurements.add(cluster.stop, tracked.measurements, tracked.velocity_estimate)
         self.reports.append(report)
         self._observer(Step(cluster, tracked, report, self.estimator))

@@ -11,7 +11,7 @@ from gpvo.cluster_report import ClusterReport
 from gpvo.config import Configuration
 from gpvo.live.pairing import StereoPairing
 from gpvo.live.raw_events import NO_EVENTS, RawEvents
-from gpvo.observer import Observer, Step, no_observer, observers
+from gpvo.observer import Observer, Step, no_observer
 from gpvo.odometry import Odometry
 from gpvo.recordings import StereoEvents, StereoRig
 from gpvo.trajectory import MotionEstimate, Trajectory
@@ -26,8 +26,9 @@ class LiveOdometry:
     >>> trajectory = live.close()
 
     The same events give the same states, bit for bit, as `Odometry.run`, however they are cut into
-    pushes. `push` returns when the clusters that the events complete are estimated, in the thread
-    that calls it; `latest` and `trajectory` may be called from any other.
+    pushes. `push` tracks the clusters that the events complete, in the thread that calls it; each
+    is estimated in a second thread while the caller goes on. What fails there is raised by the next
+    call. `latest` and `trajectory` may be called from any thread.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ class LiveOdometry:
     configuration
         By default `Configuration()`.
     observer
-        Called with a `Step` after each cluster.
+        Called with a `Step` after each cluster, in the second thread.
     patience
         Event time after which a camera that is behind the other is not waited for, seconds. Events
         that come later still are left out, and counted in `late`. inf waits for ever.
@@ -61,9 +62,8 @@ class LiveOdometry:
         self._latest: MotionEstimate | None = None
         self._lock = Lock()
         self._closed = False
-        self.odometry = Odometry(
-            rig, configuration, stage, observer=observers(self._keep, observer)
-        )
+        self._observers = [self._keep, observer]
+        self.odometry = Odometry(rig, configuration, stage, observer=self._observe)
         self.reports = self.odometry.reports
 
     @property
@@ -79,7 +79,9 @@ class LiveOdometry:
     def push(
         self, left: RawEvents = NO_EVENTS, right: RawEvents = NO_EVENTS
     ) -> list[ClusterReport]:
-        """Take the next events of each camera, any number; return the reports of new clusters.
+        """Take the next events of each camera, any number.
+
+        Returns the reports of the clusters that were estimated since the call before.
 
         Raises
         ------
@@ -102,6 +104,15 @@ class LiveOdometry:
             self._check_open()
             return self._estimate(self._pairing.end())
 
+    def settle(self) -> None:
+        """Wait until all clusters that were pushed are estimated."""
+        with self._lock:
+            self.odometry.settle()
+
+    def observe(self, observer: Observer) -> None:
+        """Call one more observer after each cluster from now on."""
+        self._observers.append(observer)
+
     def latest(self, t: float | None = None) -> MotionEstimate | None:
         """Return the estimate at the newest state, or extrapolated to t, in constant time.
 
@@ -118,15 +129,16 @@ class LiveOdometry:
     def trajectory(self) -> Trajectory | None:
         """Return the trajectory so far; None before the first measurement."""
         with self._lock:
+            self.odometry.settle()
             return self.odometry.trajectory(self.start_ns or 0)
 
     def close(self) -> Trajectory | None:
         """Estimate what waits; return the whole trajectory, None if nothing was measured."""
         with self._lock:
             if not self._closed:
+                self._closed = True
                 self._estimate(self._pairing.end())
                 list(self.odometry.end())
-                self._closed = True
         return self.trajectory()
 
     def __enter__(self) -> LiveOdometry:
@@ -141,6 +153,10 @@ class LiveOdometry:
 
     def _estimate(self, batch: StereoEvents | None) -> list[ClusterReport]:
         return [] if batch is None else list(self.odometry.push(batch))
+
+    def _observe(self, step: Step) -> None:
+        for observer in self._observers:
+            observer(step)
 
     def _keep(self, step: Step) -> None:
         self._latest = step.estimator.latest()

@@ -18,6 +18,7 @@ from gpvo.live.load import LONGEST, Load
 from gpvo.live.raw_events import RawEvents
 from gpvo.live.repair import Repair
 from gpvo.live.sources.packet import Packet, Source
+from gpvo.observer import Step
 from gpvo.recordings import StereoRig
 from gpvo.recordings.streams import EventBlock
 
@@ -25,6 +26,8 @@ log = logging.getLogger("gpvo.live")
 
 MOST_WAITING = 20_000_000
 """Number of events that may wait, 260 MB."""
+TOGETHER = 8
+"""Number of packets that are pushed together if they wait, because each push costs time."""
 
 
 class Intake:
@@ -46,18 +49,17 @@ class Intake:
         self._thread = Thread(target=self._fill, name="gpvo live intake", daemon=True)
         self._thread.start()
 
-    def take(self) -> Packet | None:
-        """Return the next packet, waiting for it; None at the source's end.
+    def take(self) -> list[Packet]:
+        """Return the oldest packets that wait, waiting for one; none at the source's end.
 
         Raises what the source raised.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._at_end)
-            if self._waiting:
-                return self._waiting.popleft()
-        if self._failure is not None:
+            packets = [self._waiting.popleft() for _ in range(min(len(self._waiting), TOGETHER))]
+        if not packets and self._failure is not None:
             raise self._failure
-        return None
+        return packets
 
     def take_all(self) -> list[Packet]:
         """Return all packets that wait."""
@@ -119,6 +121,8 @@ class LiveSession:
         self._repair, self._record = Repair(rig), record
         self._source, self._missing = source, False
         self._to_estimate: list[float] = []
+        self._progress: Callable[[ClusterReport], None] = lambda _: None
+        live.observe(self._estimated)
 
     @property
     def faults(self) -> dict[str, int]:
@@ -126,14 +130,18 @@ class LiveSession:
         return dict(self._repair.faults)
 
     def run(self, progress: Callable[[ClusterReport], None] = lambda _: None) -> None:
-        """Estimate until the source ends; `progress` is called after each cluster."""
+        """Estimate until the source ends.
+
+        `progress` is called after each cluster, in the thread that estimates.
+        """
+        self._progress = progress
         intake = Intake(self._source)
         try:
-            while (packet := intake.take()) is not None:
-                if self._has_time(packet):
-                    self._process(*self._received(packet), packet.arrival, progress)
+            while packets := intake.take():
+                if self._has_time(packets[0]):
+                    self._process(packets)
                 else:
-                    self._discard([packet, *intake.take_all()])
+                    self._discard([*packets, *intake.take_all()])
             self.load.discarded += intake.discarded
         finally:
             intake.close()
@@ -168,35 +176,35 @@ class LiveSession:
             self.load.discarded += sum(map(len, self._received(packet)))
         self._missing = True
 
-    def _process(
-        self,
-        left: EventBlock,
-        right: EventBlock,
-        arrival: float,
-        progress: Callable[[ClusterReport], None],
-    ) -> None:
-        if self._missing:
-            self._show(self.live.interrupted(), progress)
-            self._missing = False
-        if len(left) + len(right) == 0:
-            return
-        first = min(int(block.t_ns[0]) for block in (left, right) if len(block))
-        self.latency.arrived(first, arrival)
-        sides = raw(self.load.thin(left)), raw(self.load.thin(right))
-        self._show(self.live.push(*sides), progress)
+    def _process(self, packets: list[Packet]) -> None:
+        """Push packets together, but those after a gap apart."""
+        together: list[tuple[EventBlock, EventBlock]] = []
+        for packet in packets:
+            sides = self._received(packet)
+            if self._missing:
+                self._push(together)
+                self.live.interrupted()
+                together, self._missing = [], False
+            stamps = [int(block.t_ns[0]) for block in sides if len(block)]
+            if stamps:
+                self.latency.arrived(min(stamps), packet.arrival)
+                together.append(sides)
+        self._push(together)
 
-    def _show(
-        self, reports: list[ClusterReport], progress: Callable[[ClusterReport], None]
-    ) -> None:
-        now, start_ns = time.perf_counter(), self.live.start_ns or 0
-        self._to_estimate += [report.stop for report in reports]
-        latest = self.live.latest()
+    def _push(self, packets: list[tuple[EventBlock, EventBlock]]) -> None:
+        if packets:
+            left, right = (EventBlock.concatenate(side) for side in zip(*packets, strict=True))
+            self.live.push(raw(self.load.thin(left)), raw(self.load.thin(right)))
+
+    def _estimated(self, step: Step) -> None:
+        """Note how late the clusters are of which the latest estimate knows."""
+        now, start_ns, latest = time.perf_counter(), self.live.start_ns or 0, self.live.latest()
+        self._to_estimate.append(step.report.stop)
         # Short clusters are estimated together.
         while self._to_estimate and latest is not None and self._to_estimate[0] <= latest.t:
             stop = self._to_estimate.pop(0)
             self.latency.estimated(start_ns + round(stop * 1e9), now)
-        for report in reports:
-            progress(report)
+        self._progress(step.report)
 
 
 def raw(block: EventBlock) -> RawEvents:

@@ -6,6 +6,7 @@ import logging
 import runpy
 from functools import cache
 from pathlib import Path
+from threading import Event, get_ident
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from gpvo import Configuration, InputError, LiveOdometry, Odometry, Trajectory
 from gpvo.cluster_report import ClusterReport
 from gpvo.live import RawEvents
+from gpvo.observer import Step
 from gpvo.recordings import Events
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 
@@ -96,6 +98,7 @@ def test_latest_after_a_break_is_uncertain_by_the_break_too() -> None:
         sides = (raw(side.between(start, start + 0.2)) for side in (room().left, room().right))
         live.push(*((x, y, t + shift_us, polarity) for x, y, t, polarity in sides))
         live.interrupted()
+    live.settle()
     latest, trajectory = live.latest(), live.close()
     covariance = trajectory.covariance(latest.t)
     np.testing.assert_allclose(latest.covariance, covariance, rtol=1e-6, atol=1e-15)
@@ -108,6 +111,7 @@ def test_a_silent_camera_is_not_waited_for_and_late_events_are_counted(
     live = LiveOdometry(room().rig, CONFIG, patience=0.1)
     with caplog.at_level(logging.WARNING, logger="gpvo.live"):
         live.push(raw(room().left.between(0, 0.4)))
+        live.settle()
         assert live.reports[-1].stop > 0.25
         assert live.reports[-1].right_events == 0
         live.push(right=raw(room().right.between(0, 0.4)))
@@ -162,6 +166,42 @@ def test_bad_events_are_refused_as_a_whole_and_the_odometry_goes_on(
     live.close()
     with pytest.raises(ValueError, match="closed"):
         live.push(GOOD, GOOD)
+
+
+def test_what_fails_in_the_second_thread_is_raised_by_the_next_call() -> None:
+    def fail(step: Step) -> None:
+        raise OSError("disk full")
+
+    live = LiveOdometry(room().rig, CONFIG, observer=fail)
+    sides = [raw(side.between(0.0, 0.1)) for side in (room().left, room().right)]
+    with pytest.raises(OSError, match="disk full"):
+        live.push(*sides)
+        live.settle()
+        live.push()
+    with pytest.raises(OSError, match="disk full"):
+        live.close()
+    live.close()
+
+
+def test_a_cluster_is_estimated_while_the_caller_goes_on_and_close_waits_for_it() -> None:
+    goes_on, began, threads = Event(), Event(), []
+
+    def wait_for_the_caller(step: Step) -> None:
+        began.set()
+        assert goes_on.wait(timeout=60)
+        threads.append(get_ident())
+
+    live = LiveOdometry(room().rig, CONFIG, observer=wait_for_the_caller)
+    returned = []
+    for start in np.arange(0, 0.5, 0.01):
+        if began.is_set():
+            break
+        sides = (side.between(start, start + 0.01) for side in (room().left, room().right))
+        returned += live.push(*map(raw, sides))
+    assert began.is_set() and returned == [] and threads == []
+    goes_on.set()
+    live.close()
+    assert len(threads) == len(live.reports) > 0 and get_ident() not in threads
 
 
 def test_nothing_pushed_is_no_trajectory() -> None:
