@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 from factors.checks import Pose, checked_key, checked_noise, checked_pose, checked_vector
 from factors.factor import Factor
 from factors.jacobian_blocks import JacobianBlocks, Jacobians
-from factors.kernels.outputs import Addresses, jacobian_at
-from factors.kernels.se3 import Array, kernel
+from factors.kernels.imu import imu_kernel
+from factors.kernels.se3 import Array
+from factors.lie import se3_exp, se3_right_jacobian_inverse
 from factors.variables import BIAS, POSE3, TWIST, State, Variable, as_state
 
 _BLOCKS = JacobianBlocks(9, (6, 6, 6, 6, 6))
@@ -98,7 +99,8 @@ class ImuFactor(Factor):
     Raises
     ------
     ValueError
-        If the measurements do not last from state i to state j; and see `Factor`.
+        If the measurements do not last from state i to state j, or their parameters have another
+        error than GTSAM's default, Logmap, or the rotation of the Earth; and see `Factor`.
 
     Notes
     -----
@@ -124,22 +126,24 @@ class ImuFactor(Factor):
                 f"{preintegrated.deltaTij()} s"
             )
         native = gtsam.ImuFactor(0, 1, 2, 3, 4, preintegrated)
+        constants = _constants(preintegrated)
+        _check_error(native, constants)
         (pose_i, velocity_i, _), (pose_j, velocity_j, _) = states
 
         def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
-            T_i, T_j = values.atPose3(pose_i), values.atPose3(pose_j)
-            twists = values.atVector6(velocity_i), values.atVector6(velocity_j)
-            ends, in_world = (T_i.matrix(), T_j.matrix(), *twists), np.empty((2, 3))
-            _in_world_kernel(*ends, in_world)
-            at = T_i, in_world[0], T_j, in_world[1], values.atConstantBias(bias)
-            if jacobians is None:
-                return native.evaluateError(*at)
-            own, by_v = _BLOCKS.own, np.empty((9, 6), order="F")
-            by_T_i, _, by_T_j, _, by_bias = own.views
-            found = native.evaluateError(*at, by_T_i, by_v[:, :3], by_T_j, by_v[:, 3:], by_bias)
-            _by_twists_kernel(*ends, by_v, own.outputs)
-            own.copy_to(jacobians)
-            return found
+            own = _BLOCKS.own
+            imu_kernel(
+                values.atPose3(pose_i).matrix(),
+                values.atVector6(velocity_i),
+                values.atPose3(pose_j).matrix(),
+                values.atVector6(velocity_j),
+                values.atConstantBias(bias).vector(),
+                constants,
+                own.outputs,
+            )
+            if jacobians is not None:
+                own.copy_to(jacobians)
+            return own.error
 
         variables = [
             Variable("pose_i", pose_i, POSE3),
@@ -152,31 +156,31 @@ class ImuFactor(Factor):
         super().__init__(native.noiseModel(), variables, error, {**made_of, "bias": bias})
 
 
-@kernel
-def _in_world_kernel(T_i: Array, T_j: Array, v_i: Array, v_j: Array, in_world: Array) -> None:
-    """Write the velocities (2, 3) in the world, R v."""
-    for k in range(3):
-        in_world[0, k] = T_i[k, 0] * v_i[3] + T_i[k, 1] * v_i[4] + T_i[k, 2] * v_i[5]
-        in_world[1, k] = T_j[k, 0] * v_j[3] + T_j[k, 1] * v_j[4] + T_j[k, 2] * v_j[5]
+def _constants(preintegrated: gtsam.PreintegratedImuMeasurements) -> Array:
+    """Return the constants that `imu_kernel` takes.
 
-
-@kernel
-def _by_twists_kernel(
-    T_i: Array, T_j: Array, v_i: Array, v_j: Array, by_v: Array, outputs: Addresses
-) -> None:
-    """Turn Jacobians by the velocities in the world, (9, 3) each, into those by twists.
-
-    The velocity R v turns with the pose, by -R [v]x, and moves with the twist, by R.
+    GTSAM tells the Jacobian of its prediction from rest, which turns with what is preintegrated.
     """
-    for T, v, end in ((T_i, v_i, 0), (T_j, v_j, 1)):
-        by_pose = jacobian_at(outputs, 2 * end, 9, 6)
-        by_twist = jacobian_at(outputs, 2 * end + 1, 9, 6)
-        for r in range(9):
-            for k in range(3):
-                by_twist[r, k], by_twist[r, 3 + k] = 0.0, 0.0
-                for m in range(3):
-                    by_twist[r, 3 + k] += by_v[r, 3 * end + m] * T[m, k]
-            x, y, z = by_twist[r, 3], by_twist[r, 4], by_twist[r, 5]
-            by_pose[r, 0] += v[4] * z - v[5] * y
-            by_pose[r, 1] += v[5] * x - v[3] * z
-            by_pose[r, 2] += v[3] * y - v[4] * x
+    dt, at_bias = preintegrated.deltaTij(), preintegrated.preintegrated()
+    by_bias, by_state = np.zeros((9, 6), order="F"), np.zeros((9, 9), order="F")
+    rest, known = gtsam.NavState(), preintegrated.biasHat()
+    predicted = preintegrated.predict(rest, known, by_state, by_bias)
+    turn = se3_right_jacobian_inverse(np.r_[at_bias[:3], 0, 0, 0])[:3, :3]
+    R = preintegrated.deltaRij().matrix()
+    by_bias = np.vstack([turn @ by_bias[:3], R @ by_bias[3:6], R @ by_bias[6:]])
+    gravity = (predicted.velocity() - preintegrated.deltaVij()) / dt
+    return np.r_[dt, gravity, at_bias - by_bias @ known.vector(), by_bias.ravel()]
+
+
+def _check_error(native: gtsam.ImuFactor, constants: Array) -> None:
+    """Check at a state that the error is GTSAM's: it does not tell which one was chosen."""
+    T_i, T_j = gtsam.Pose3(), gtsam.Pose3(se3_exp(np.arange(1, 7) / 10))
+    twist, bias, own = np.arange(6) / 10, gtsam.imuBias.ConstantBias(), _BLOCKS.own
+    ends = T_i.matrix(), twist, T_j.matrix(), twist
+    imu_kernel(*ends, bias.vector(), constants, own.outputs)
+    in_world = twist[3:], T_j.rotation().rotate(twist[3:])
+    expected = native.evaluateError(T_i, in_world[0], T_j, in_world[1], bias)
+    if not np.allclose(own.error, expected, rtol=1e-8, atol=1e-8):
+        raise ValueError(
+            "preintegrated must have gtsam.ImuFactorErrorMode.Logmap and no setOmegaCoriolis"
+        )

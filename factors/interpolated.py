@@ -9,11 +9,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import checked_finite_noise, checked_key
-from factors.factor import Factor
-from factors.inner_factor import ANY, CopiedValue, Inner, InnerFactor, inner_of
+from factors.factor import Evaluate, Factor
+from factors.inner_factor import (
+    ANY,
+    CopiedValue,
+    Inner,
+    InnerFactor,
+    inner_of,
+    point_error_of,
+)
 from factors.jacobian_blocks import Jacobians, blocks_of
 from factors.kernels.between import chain_kernel, state_at_kernel, whiten_between_kernel
+from factors.kernels.points import point_between_kernel
 from factors.kernels.se3 import Array
+from factors.points import PointError
 from factors.variables import (
     POSE3,
     TWIST,
@@ -99,7 +108,13 @@ class InterpolatedFactor(Factor):
         variables += [Variable("of inner", key, ANY) for key in others]
         noise = None if qc is None else _NoiseBetween(held.model, whitening(qc))
         keys = [variable.key for variable in variables]
-        error = _Interpolation(held, keys, (pose, velocity), states, t, noise)
+        at = np.array([t - states[0][2], states[1][2] - t])
+        point = None if pose is None else point_error_of(inner)
+        error: Evaluate
+        if point is None:
+            error = _Interpolation(held, keys, (pose, velocity), at, noise)
+        else:
+            error = _PointInterpolation(point, own, at, noise)
         made_of = {
             "inner": inner,
             "state_i": states[0],
@@ -119,10 +134,9 @@ class _NoiseBetween:
     ----------
     model
         Of the whitened error.
-    covariance
-        (m, m) of the measurement.
-    W
-        (6, 6) `whitening` of the power spectral density.
+    parts
+        The covariance (m, m) of the measurement, and the `whitening` (6, 6) of the power spectral
+        density.
     """
 
     def __init__(self, model: gtsam.noiseModel.Base, W: Array) -> None:
@@ -132,7 +146,34 @@ class _NoiseBetween:
         if isinstance(model, gtsam.noiseModel.Robust):
             gaussian = model.noise()
             self.model = gtsam.noiseModel.Robust.Create(model.robust(), self.model)
-        self.covariance, self.W = np.ascontiguousarray(gaussian.covariance()), W
+        self.parts = np.ascontiguousarray(gaussian.covariance()), W
+
+
+class _PointInterpolation:
+    """Error function of a measured point at a time between two states: all in one kernel."""
+
+    def __init__(
+        self, point: PointError, keys: list[int], t: Array, noise: _NoiseBetween | None
+    ) -> None:
+        self._keys, m = keys, len(point.lines)
+        root = (np.empty((0, 0)), np.empty((0, 0))) if noise is None else noise.parts
+        self._constants = t, point.point, point.lines, *root
+        self._blocks = blocks_of(m, (6, 6, 6, 6))
+
+    def __call__(self, values: gtsam.Values, jacobians: Jacobians) -> Array:
+        pose_i, velocity_i, pose_j, velocity_j = self._keys
+        own = self._blocks.own
+        point_between_kernel(
+            values.atPose3(pose_i).matrix(),
+            values.atVector6(velocity_i),
+            values.atPose3(pose_j).matrix(),
+            values.atVector6(velocity_j),
+            *self._constants,
+            own.outputs,
+        )
+        if jacobians is not None:
+            own.copy_to(jacobians)
+        return own.error
 
 
 class _Interpolation:
@@ -143,13 +184,11 @@ class _Interpolation:
         inner: Inner,
         keys: list[int],
         at_t: tuple[int | None, int | None],
-        states: tuple[tuple[int, int, float], ...],
-        t: float,
+        t: Array,
         noise: _NoiseBetween | None,
     ) -> None:
-        self._inner, self._keys, self._noise = inner, keys, noise
+        self._inner, self._keys, self._t, self._noise = inner, keys, t, noise
         self._pose, self._velocity = at_t
-        self._t = np.array([t - states[0][2], states[1][2] - t])
         self._copied = [(key, CopiedValue()) for key in inner.keys if key not in at_t]
         self._columns: list[slice] | None = None
         self._identity = gtsam.Values()
@@ -166,7 +205,7 @@ class _Interpolation:
             values.atPose3(pose_j).matrix(),
             values.atVector6(velocity_j),
         )
-        found = np.empty(24)
+        found = np.empty(54)
         state_at_kernel(*ends, self._t, found)
         at_t = self._values_at(values, found)
         if jacobians is None and self._noise is None:
@@ -175,13 +214,15 @@ class _Interpolation:
         if self._columns is not self._inner.columns:
             self._prepare(len(system))
         if self._noise is not None:
-            noise = self._noise.W, self._noise.covariance
+            noise = self._noise.parts
             whiten_between_kernel(*ends, self._t, *noise, self._places, found, system)
         blocks = self._blocks.own
-        chain_kernel(*ends, self._t, system, self._places, blocks.outputs)
+        chain_kernel(ends[3], self._t, found, system, self._places, blocks.outputs)
         for place, columns in self._others:  # a state may also be one of the inner factor's own
-            own_share = blocks.views[place] if place < 4 else 0.0
-            blocks.views[place][...] = own_share + system[:, columns]
+            if place < 4:
+                blocks.views[place][...] += system[:, columns]
+            else:
+                blocks.views[place][...] = system[:, columns]
         if jacobians is not None:
             blocks.copy_to(jacobians)
         return blocks.error

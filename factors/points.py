@@ -18,8 +18,8 @@ from factors.checks import (
 )
 from factors.factor import Evaluate, Factor
 from factors.jacobian_blocks import Jacobians, blocks_of
-from factors.kernels.outputs import Addresses, error_at, jacobian_at
-from factors.kernels.se3 import Array, kernel
+from factors.kernels.points import point_kernel
+from factors.kernels.se3 import Array
 from factors.variables import POINT3, POSE3, Variable
 
 
@@ -32,39 +32,40 @@ def _in_body(measured: ArrayLike, T_body_sensor: Pose | None) -> tuple[Array, Ar
     return point, T[:3, :3] @ point + T[:3, 3], T
 
 
-@kernel
-def _rows_kernel(T: Array, point: Array, axes: Array, goal: Array, outputs: Addresses) -> None:
-    """Write the error axes (T p) - goal, (m,), along axes (m, 3), and its Jacobian by T, (m, 6)."""
-    error, by_pose = error_at(outputs, len(axes)), jacobian_at(outputs, 0, len(axes), 6)
-    x, y, z = point[0], point[1], point[2]
-    for i in range(len(axes)):
-        a, b, c = 0.0, 0.0, 0.0
-        error[i] = -goal[i]
-        for k in range(3):
-            a += axes[i, k] * T[k, 0]
-            b += axes[i, k] * T[k, 1]
-            c += axes[i, k] * T[k, 2]
-            error[i] += axes[i, k] * T[k, 3]
-        error[i] += a * x + b * y + c * z
-        by_pose[i, 0], by_pose[i, 1], by_pose[i, 2] = y * c - z * b, z * a - x * c, x * b - y * a
-        by_pose[i, 3], by_pose[i, 4], by_pose[i, 5] = a, b, c
+class PointError:
+    """Error axes (T p) - goal of a point p on the body, along axes of the world.
+
+    Attributes
+    ----------
+    point
+        (3,) p in the body's frame.
+    lines
+        (m, 4) axes, and the goal along each.
+    """
+
+    def __init__(self, pose: int, point: Array, axes: Array, goal: Array) -> None:
+        self.point, self.lines, self._pose = point, np.column_stack([axes, goal]), pose
+        self._blocks = blocks_of(len(axes), (6,))
+
+    def __call__(self, values: gtsam.Values, jacobians: Jacobians) -> Array:
+        own = self._blocks.own
+        point_kernel(values.atPose3(self._pose).matrix(), self.point, self.lines, own.outputs)
+        if jacobians is not None:
+            own.copy_to(jacobians)
+        return own.error
 
 
-def _error_of(
-    pose: int, point: Array, axes: Array, goal: Array, target: int | None = None
-) -> Evaluate:
-    """Return the error function; the goal is that of the target, if it is a key."""
-    blocks = blocks_of(len(axes), (6,) if target is None else (6, 3))
+def _error_to_landmark(pose: int, point: Array, target: int) -> Evaluate:
+    """Return the error T p - target of a target that is a variable."""
+    lines, blocks = np.eye(3, 4), blocks_of(3, (6, 3))
 
     def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
         own = blocks.own
-        at = goal if target is None else values.atPoint3(target)
-        _rows_kernel(values.atPose3(pose).matrix(), point, axes, at, own.outputs)
+        point_kernel(values.atPose3(pose).matrix(), point, lines, own.outputs)
         if jacobians is not None:
-            if target is not None:
-                own.views[1][...] = -axes
+            own.views[1][...] = -np.eye(3)
             own.copy_to(jacobians)
-        return own.error
+        return own.error - values.atPoint3(target)
 
     return error
 
@@ -104,15 +105,16 @@ class PointToPointFactor(Factor):
         checked_noise(model, 3)
         pose = checked_key("pose", pose)
         point, in_body, T_mount = _in_body(measured, T_body_sensor)
-        variables, axes = [Variable("pose", pose, POSE3)], np.eye(3)
+        variables = [Variable("pose", pose, POSE3)]
         goal: int | Array
+        error: Evaluate
         if isinstance(target, int | np.integer):
             goal = checked_key("target", int(target))
             variables.append(Variable("target", goal, POINT3))
-            error = _error_of(pose, in_body, axes, np.zeros(3), goal)
+            error = _error_to_landmark(pose, in_body, goal)
         else:
             goal = checked_vector("target", target, 3)
-            error = _error_of(pose, in_body, axes, goal)
+            error = PointError(pose, in_body, np.eye(3), goal)
         made_of: dict[str, Any] = {"measured": point, "target": goal, "model": model}
         arguments = {**made_of, "pose": pose, "T_body_sensor": T_mount}
         super().__init__(model, variables, error, arguments)
@@ -160,7 +162,7 @@ class PointToPlaneFactor(Factor):
         n = checked_vector("normal", normal, 3)
         if abs(np.linalg.norm(n) - 1) > 1e-6:
             raise ValueError(f"normal must have length 1, not {np.linalg.norm(n)}")
-        error = _error_of(pose, in_body, n[None], np.array([distance]))
+        error = PointError(pose, in_body, n[None], np.array([distance]))
         made_of: dict[str, Any] = {"measured": point, "normal": n, "distance": distance}
         arguments = {**made_of, "model": model, "pose": pose, "T_body_sensor": T_mount}
         super().__init__(model, [Variable("pose", pose, POSE3)], error, arguments)

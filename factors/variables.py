@@ -30,10 +30,12 @@ class Variable(NamedTuple):
     kind: Kind
 
 
+# They read vectors of dynamic and of fixed size, and refuse all others.
+_OF_SIZE = {2: gtsam.Values.atPoint2, 3: gtsam.Values.atPoint3, 6: gtsam.Values.atVector6}
+
+
 def vector(size: int) -> Kind:
     """Return the kind of vectors (size,)."""
-    if size == 6:
-        return TWIST
 
     def read(values: gtsam.Values, key: int) -> Array:
         found: Array = values.atVector(key)
@@ -41,14 +43,13 @@ def vector(size: int) -> Kind:
             raise ValueError(f"a vector of {len(found)}")
         return found
 
-    return Kind(f"a vector of {size}", read)
+    return Kind(f"a vector of {size}", _OF_SIZE.get(size, read))
 
 
 POSE3 = Kind("a Pose3", gtsam.Values.atPose3)
 POSE2 = Kind("a Pose2", gtsam.Values.atPose2)
 ROT3 = Kind("a Rot3", gtsam.Values.atRot3)
-# Reads vectors of dynamic and of fixed size, and refuses all that do not have 6 entries.
-TWIST = Kind("a vector of 6", gtsam.Values.atVector6)
+TWIST = vector(6)
 POINT3 = Kind("a Point3", gtsam.Values.atPoint3)
 BIAS = Kind("a ConstantBias", gtsam.Values.atConstantBias)
 

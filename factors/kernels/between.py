@@ -10,9 +10,9 @@ from factors.kernels.local_variables import (
     backward_adjoint_kernel,
     hermite_weights,
     interpolated_local_kernel,
-    local_blocks_kernel,
     local_jacobian_kernel,
     local_of_relative_kernel,
+    local_polynomials_kernel,
     local_state_kernel,
     retract_kernel,
     wnoa_kernel,
@@ -98,37 +98,35 @@ def extrapolated_jacobian_kernel(v: Array, dt: float) -> Array:
 
 @kernel
 def state_at_kernel(T_i: Array, v_i: Array, T_j: Array, v_j: Array, t: Array, found: Array) -> None:
-    """Write the state at the time t[0] after state i and t[1] before state j to `found` (24,).
+    """Write the state at the time t[0] after state i and t[1] before state j to `found` (54,).
 
-    That is the logarithm of the pose, the twist, and the first three rows of the pose.
+    That is the logarithm of the pose, the twist, and the first three rows of the pose; and what
+    `chain_kernel` needs: the local variables of state j, p and q (3, 2) of their Jr(xi)^-1, and the
+    local variables at t.
     """
     T = np.empty((4, 4))
-    local_j = local_state_kernel(T_i, T_j, v_j)
+    local_j, inverse = local_of_relative_kernel(relative_kernel(T_i, T_j), v_j)
     local = interpolated_local_kernel(v_i, local_j, hermite_weights(t[0], t[1]))
     retract_kernel(T_i, local, T, found[6:12])
     xi = log_kernel(T)
     for i in range(6):
         found[i] = xi[i]
     for i in range(3):
+        found[36 + 2 * i], found[37 + 2 * i] = inverse[i, 0], inverse[i, 1]
         for j in range(4):
             found[12 + 4 * i + j] = T[i, j]
+    for i in range(12):
+        found[24 + i], found[42 + i] = local_j[i], local[i]
 
 
 @kernel
 def chain_kernel(
-    T_i: Array,
-    v_i: Array,
-    T_j: Array,
-    v_j: Array,
-    t: Array,
-    system: Array,
-    places: Index,
-    outputs: Addresses,
+    v_j: Array, t: Array, found: Array, system: Array, places: Index, outputs: Addresses
 ) -> None:
     """Write the error (m,) of a system [J, -e] (m, n + 1), and its Jacobians (m, 6) by both ends.
 
-    `places` are the first columns in J of the pose and of the twist at t[0] after state i and t[1]
-    before state j, -1 if there is none.
+    `found` is of `state_at_kernel`; `places` are the first columns in J of the pose and of the
+    twist at t, -1 if there is none.
     """
     m, last, pose, twist = len(system), system.shape[1] - 1, places[0], places[1]
     error, by_T_i, by_v_i = (
@@ -138,13 +136,14 @@ def chain_kernel(
     )
     by_T_j, by_v_j = jacobian_at(outputs, 2, m, 6), jacobian_at(outputs, 3, m, 6)
     share = hermite_weights(t[0], t[1])
-    local_j, inverse = local_of_relative_kernel(relative_kernel(T_i, T_j), v_j)
-    xi_i, xi_j, rate_i, rate_j = local_blocks_kernel(local_j, inverse, v_j, EXACT)
-    local = interpolated_local_kernel(v_i, local_j, share)
+    local_j, inverse, local = found[24:36], found[36:42].reshape(3, 2), found[42:]
+    left, right, rate_by_xi = local_polynomials_kernel(local_j, inverse, v_j, EXACT)
     k = jacobian_coefficients_kernel(local, RIGHT)
     jacobian, adjoint = se3_polynomial_kernel(local, k), backward_adjoint_kernel(local)
-    turning = polynomial_derivative_kernel(local, k, local[6:])
-    by_xi, by_rate = np.empty(6), np.empty(6)
+    turning = jacobian  # of the twist alone
+    if twist >= 0:
+        turning = polynomial_derivative_kernel(local, k, local[6:])
+    by_xi, by_rate = np.empty(6), np.empty(6)  # of state j
     for r in range(m):
         error[r] = -system[r, last]
         for j in range(6):
@@ -160,11 +159,16 @@ def chain_kernel(
             by_xi[j] = share[1, 0, 0] * x + share[1, 1, 0] * w
             by_rate[j] = share[1, 0, 1] * x + share[1, 1, 1] * w
         for j in range(6):
-            by_T_j[r, j], by_v_j[r, j] = 0.0, 0.0
             for n in range(6):
-                by_T_i[r, j] -= by_xi[n] * xi_i[n, j] + by_rate[n] * rate_i[n, j]
-                by_T_j[r, j] += by_xi[n] * xi_j[n, j] + by_rate[n] * rate_j[n, j]
-                by_v_j[r, j] += by_rate[n] * xi_j[n, j]
+                by_xi[j] += by_rate[n] * rate_by_xi[n, j]
+        for j in range(6):
+            from_i, pose_j, rate_j = 0.0, 0.0, 0.0
+            for n in range(6):
+                from_i += by_xi[n] * left[n, j]
+                pose_j += by_xi[n] * right[n, j]
+                rate_j += by_rate[n] * right[n, j]
+            by_T_i[r, j] -= from_i
+            by_T_j[r, j], by_v_j[r, j] = pose_j, rate_j
 
 
 @kernel
@@ -200,8 +204,8 @@ def whiten_between_kernel(
     T_j: Array,
     v_j: Array,
     t: Array,
-    W: Array,
     covariance: Array,
+    W: Array,
     places: Index,
     found: Array,
     system: Array,
@@ -210,7 +214,7 @@ def whiten_between_kernel(
 
     Its covariance (m, m) is increased by that of the state between, given both ends.
     """
-    m, T, v = len(system), found[12:].reshape(3, 4), found[6:12]
+    m, T, v = len(system), found[12:24].reshape(3, 4), found[6:12]
     total = covariance.copy()
     if t[0] > 0 and t[1] > 0:
         root = information_between_kernel(T_i, v_i, T, v, T_j, v_j, t, W)

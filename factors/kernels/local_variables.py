@@ -54,24 +54,33 @@ def local_of_relative_kernel(T: Array, v_j: Array) -> tuple[Array, Array]:
 
 
 @inner_kernel
+def local_polynomials_kernel(
+    local: Array, k: Array, v_j: Array, higher: float
+) -> tuple[Array, Array, Array]:
+    """Compute Jl(xi)^-1, Jr(xi)^-1, and the Jacobian of Jr(xi)^-1 v_j by xi, (6, 6) each.
+
+    k are p and q (3, 2) of Jr(xi)^-1. `higher` weights the terms beyond first order in the last
+    one, of v_j + ad(xi) v_j / 2 + ...: EXACT, or FIRST_ORDER for the paper's E_21 and E_23.
+    """
+    right = se3_polynomial_kernel(local, k)
+    of_left, of_rate = k.copy(), k.copy()
+    for n in range(3):
+        of_left[n, 0] = -k[n, 0]
+        of_rate[n, 1] *= higher
+    left = se3_polynomial_kernel(local, of_left)
+    return left, right, polynomial_derivative_kernel(local, of_rate, v_j)
+
+
+@inner_kernel
 def local_blocks_kernel(
     local: Array, k: Array, v_j: Array, higher: float
 ) -> tuple[Array, Array, Array, Array]:
     """Compute the Jacobians (6, 6) of xi and its rate: xi_i, xi_j, rate_i, rate_j.
 
-    k are p and q (3, 2) of Jr(xi)^-1. Those with suffix _i are with respect to -T_i, those with
-    suffix _j with respect to T_j. The Jacobian of the rate with respect to v_j is xi_j. `higher`
-    weights the terms beyond first order in the Jacobian of Jr(xi)^-1 v_j = v_j + ad(xi) v_j / 2 +
-    ...: EXACT, or FIRST_ORDER for the paper's E_21 and E_23.
+    Those with suffix _i are with respect to -T_i, those with suffix _j with respect to T_j. The
+    Jacobian of the rate with respect to v_j is xi_j. See `local_polynomials_kernel`.
     """
-    right = se3_polynomial_kernel(local, k)
-    for n in range(3):
-        k[n, 0] = -k[n, 0]
-    left = se3_polynomial_kernel(local, k)
-    for n in range(3):
-        k[n, 0] = -k[n, 0]
-        k[n, 1] *= higher
-    rate_by_xi = polynomial_derivative_kernel(local, k, v_j)
+    left, right, rate_by_xi = local_polynomials_kernel(local, k, v_j, higher)
     return left, right, multiply_kernel(rate_by_xi, left), multiply_kernel(rate_by_xi, right)
 
 

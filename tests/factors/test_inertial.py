@@ -20,7 +20,7 @@ from factors import (
     extrapolate,
     optimize,
 )
-from factors.lie import se3_adjoint, se3_exp, se3_inverse, se3_log
+from factors.lie import se3_adjoint, se3_exp, se3_inverse, se3_log, skew
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,47 @@ def test_it_is_gtsams_factor_of_the_velocities_in_the_world(mounted: bool, seed:
         theirs.insert(U(k), R @ values.atVector(V(k))[3:])
     native = gtsam.ImuFactor(X(0), U(0), X(1), U(1), B(0), data)
     np.testing.assert_allclose(factor.error(values), native.error(theirs), rtol=1e-12)
-    np.testing.assert_array_equal(factor.unwhitenedError(values), native.unwhitenedError(theirs))
+    found, expected = factor.unwhitenedError(values), native.unwhitenedError(theirs)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+    for ours, exact in zip(jacobians_of(factor, values), by_twists(native, theirs), strict=True):
+        np.testing.assert_allclose(ours, exact, rtol=0, atol=1e-13)
+
+
+def jacobians_of(factor: ImuFactor, values: gtsam.Values) -> list[Array]:
+    blocks = gtsam.JacobianVector([np.zeros((9, 6))] * 5)
+    factor.evaluate(values, blocks)
+    return [blocks[k] for k in range(5)]
+
+
+def by_twists(native: gtsam.ImuFactor, values: gtsam.Values) -> list[Array]:
+    """GTSAM's Jacobians; its velocity R v turns with the pose and moves with the twist."""
+    H = [np.zeros((9, n), order="F") for n in (6, 3, 6, 3, 6)]
+    pose_i, velocity_i, pose_j, velocity_j, bias = native.keys()
+    poses = values.atPose3(pose_i), values.atPose3(pose_j)
+    velocities = values.atVector(velocity_i), values.atVector(velocity_j)
+    ends = poses[0], velocities[0], poses[1], velocities[1]
+    native.evaluateError(*ends, values.atConstantBias(bias), *H)
+    found = []
+    for k in range(2):
+        R = poses[k].rotation().matrix()
+        by_twist = H[2 * k + 1] @ R
+        H[2 * k][:, :3] -= by_twist @ skew(R.T @ velocities[k])
+        found += [H[2 * k], np.hstack([np.zeros((9, 3)), by_twist])]
+    return [*found, H[4]]
+
+
+def test_errors_and_worlds_that_it_does_not_know_are_refused() -> None:
+    for change in (
+        lambda p: p.setImuFactorErrorMode(gtsam.ImuFactorErrorMode.ComponentWise),
+        lambda p: p.setOmegaCoriolis(np.array([0, 0, 1e-3])),
+    ):
+        chosen = parameters(False)
+        change(chosen)
+        data = gtsam.PreintegratedImuMeasurements(chosen, BIAS)
+        for k in range(10):
+            data.integrateMeasurement(*measured(k * DT / 10), DT / 10)
+        with pytest.raises(ValueError, match="Logmap"):
+            ImuFactor(data, *STATES, B(0))
 
 
 @given(seed=seeds)
