@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -12,7 +12,7 @@ from gpvo.commands.inputs import Calibration, LeftTopic, RightTopic, console
 from gpvo.commands.progress import reading_progress
 from gpvo.errors import InputError
 from gpvo.mapping import LandmarkMap
-from gpvo.recordings.writing.convert import camchain_path, convert, kind_of
+from gpvo.recordings.writing.convert import Kind, camchain_path, convert, kind_of
 from gpvo.recordings.writing.result_mcap import write_result_mcap
 from gpvo.trajectory import Trajectory
 
@@ -21,9 +21,9 @@ RESULT = "trajectory.npz"
 
 def convert_recording(
     recording: Annotated[Path, typer.Argument(help="Stereo event recording, or result folder.")],
-    output: Annotated[Path, typer.Argument(help="File, or folder for DSEC.")],
+    output: Annotated[Path, typer.Argument(help="File; folder for DSEC, raw, text.")],
     to: Annotated[
-        Literal["mvsec", "dsec", "rosbag1", "mcap", "aedat4"] | None,
+        Kind | None,
         typer.Option(help="Format, if the ending of OUTPUT does not determine it."),
     ] = None,
     calibration: Calibration = None,
@@ -42,9 +42,10 @@ def convert_recording(
     with reading_progress(console, opened.duration) as advance:
         counts = convert(opened, output, kind, advance)
     place = f"in {camchain_path(output, kind)}" if calibrated else "none found"
+    sides = opened.sides if len(counts) > 1 else ("",)
+    numbers = (f"{count:,} {side}".strip() for count, side in zip(counts, sides, strict=True))
     console.print(
-        f"{output} ({kind}): {counts[0]:,} left and {counts[1]:,} right events;"
-        f" calibration {place}",
+        f"{output} ({kind}): {' and '.join(numbers)} events; calibration {place}",
         soft_wrap=True,
         highlight=False,
     )

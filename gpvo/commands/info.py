@@ -18,10 +18,12 @@ from gpvo.commands.inputs import LeftTopic, RightTopic, console
 from gpvo.commands.progress import reading_progress
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.load import load_poses
-from gpvo.recordings import Events, Recording, open_recording
+from gpvo.recordings import Events, Recording
 from gpvo.recordings.calibration.find import Calibration, MissingCalibrationError
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
 from gpvo.recordings.checks.clock_offset import clock_offset, events_per_millisecond
+from gpvo.recordings.open_recording import open_cameras
+from gpvo.recordings.pairing import NO_CAMERA, OneCameraError
 
 GAP_SECONDS = 0.05
 """Longest normal time between events, seconds; even a camera at rest has noise events."""
@@ -44,7 +46,7 @@ def info(
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
 ) -> None:
-    """Print what a recording holds: sensor, events, calibration, ground truth, faults."""
+    """Print what a recording, also of one camera, holds: events, calibration, truth, faults."""
     opened, calibrated = open_for_info(recording, calibration, left_topic, right_topic)
     with reading_progress(console, opened.duration) as advance:
         summary = summarise(opened, calibrated, advance)
@@ -134,8 +136,8 @@ class Summary:
         for name, value in self._facts():
             about.add_row(name, value)
         cameras = Table("camera", "events", "rate", "ON", "first", "last", "gaps over 50 ms")
-        cameras.add_row("left", *self.left.row())
-        cameras.add_row("right", *self.right.row())
+        for side in self.recording.sides:
+            cameras.add_row(side, *(self.left if side == "left" else self.right).row())
         return [about, cameras]
 
     def _stated_sensor(self) -> str:
@@ -168,11 +170,14 @@ class Summary:
 def open_for_info(
     path: Path, calibration: Calibration, left: str | None, right: str | None
 ) -> tuple[Recording, bool]:
-    """Open a recording, also without a calibration, and return whether it has one."""
+    """Open a recording, also of one camera or without calibration; return whether it has one."""
     try:
-        return open_recording(path, calibration, left, right), True
+        return open_cameras(path, calibration, left, right), True
     except MissingCalibrationError:
-        return open_recording(path, UNKNOWN_RIG, left, right), False
+        return open_for_info(path, UNKNOWN_RIG, left, right)[0], False
+    except OneCameraError:
+        rig = calibration or UNKNOWN_RIG  # one beside it may be of another camera
+        return open_cameras(path, rig, left, NO_CAMERA), calibration not in (None, UNKNOWN_RIG)
 
 
 def summarise(
@@ -193,6 +198,8 @@ def summarise(
         right.add(batch.right)
         advance(batch.stop)
     warnings = [*recording.notes, *recording.fault_lines()]
+    if len(recording.sides) == 1:
+        warnings.append(f"{recording.path}: holds one camera; gpvo needs two to run")
     offset = clock_offset(left.per_millisecond, right.per_millisecond)
     if offset is not None:
         warnings.append(

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from gpvo.array_table import ArrayTable
 from gpvo.recordings.calibration.rig import StereoRig
 
+SIDES = ("left", "right")
+
 
 @dataclass(frozen=True)
 class Events(ArrayTable):
@@ -77,10 +79,13 @@ class Recording(ABC):
         Name of the format, for reports.
     notes
         What a user should know before trusting the recording, found when it was opened.
+    sides
+        Cameras in it: left and right, or the only one.
     """
 
     format_name: str = "recording"
     notes: Sequence[str] = ()
+    sides: tuple[str, ...] = SIDES
     path: Path
     rig: StereoRig
     start_ns: int

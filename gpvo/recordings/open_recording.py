@@ -21,6 +21,7 @@ from gpvo.recordings.files.aedat4 import is_aedat4, open_aedat4
 from gpvo.recordings.files.hdf5_columns import M3ED, ColumnStream
 from gpvo.recordings.files.mvsec import MvsecRecording, is_mvsec
 from gpvo.recordings.hdf5 import has_dataset
+from gpvo.recordings.pairing import NO_CAMERA
 from gpvo.recordings.stereo import StreamRecording
 
 
@@ -38,7 +39,7 @@ class Format(NamedTuple):
 def _open_mvsec(
     path: Path, calibration: Calibration, left: str | None, right: str | None
 ) -> Recording:
-    return MvsecRecording(path, calibration)
+    return MvsecRecording(path, calibration, one_camera=right == NO_CAMERA)
 
 
 def _open_m3ed(
@@ -89,7 +90,15 @@ def open_recording(
     InputError
         If there is no such recording, or it or its calibration cannot be used.
     """
-    path = Path(path)
+    if right_topic == NO_CAMERA:
+        raise InputError(f"{path}: two cameras are needed; --right-topic names the second")
+    return open_cameras(Path(path), calibration, left_topic, right_topic)
+
+
+def open_cameras(
+    path: Path, calibration: Calibration, left_topic: str | None, right_topic: str | None
+) -> Recording:
+    """Open a recording as `open_recording`, or one camera of it, with NO_CAMERA as right one."""
     _check_readable(path)
     for candidate in FORMATS:
         if candidate.recognise(path):
@@ -103,7 +112,7 @@ def open_recording(
             raise InputError(
                 f"{path}: holds several recordings; name one: {' '.join(map(str, inside))}"
             )
-        return open_recording(inside[0], calibration, left_topic, right_topic)
+        return open_cameras(inside[0], calibration, left_topic, right_topic)
     raise InputError(_unknown(path, FORMATS))
 
 

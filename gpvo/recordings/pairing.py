@@ -10,6 +10,8 @@ from gpvo.errors import InputError
 
 SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("master", "slave"))
 NUMBERED = (("0", "1"), ("1", "2"))
+NO_CAMERA = "none"
+"""What --right-topic names where only one camera is to be read."""
 
 _CAMERA = r"((?:cam|camera|dvs|davis|events?|sensor)_?)"
 FILE_WORDS = [
@@ -20,6 +22,10 @@ FILE_WORDS = [
 ]
 """Pattern in a file's name, its replacement for the other camera, and whether the file with the
 pattern is the left camera's. Bare numbers are left out, as they may count recordings."""
+
+
+class OneCameraError(InputError):
+    """Two cameras are needed, and there is one."""
 
 
 def counterparts(name: str) -> list[str]:
@@ -57,18 +63,24 @@ def _has_side(name: str) -> bool:
 
 def choose_pair(
     path: Path, names: Sequence[str], left: str | None, right: str | None, what: str
-) -> tuple[str, str]:
+) -> tuple[str, str | None]:
     """Return the names of the left and right camera: the given ones, or the only pair.
+
+    The right one is None if it is given as NO_CAMERA.
 
     Raises
     ------
+    OneCameraError
+        If there is only one.
     InputError
         If a given name is unknown, or there is not exactly one pair; the message lists flags to
         choose from.
     """
     for given in (left, right):
-        if given is not None and given not in names:
+        if given not in (None, NO_CAMERA, *names):
             raise InputError(f"{path}: has no {what} {given}; it has {_listing(names)}")
+    if right == NO_CAMERA:
+        return _only(path, names, left, what), None
     if left is not None and right is not None:
         if left == right:
             raise InputError(f"{path}: --left-topic and --right-topic both name {left}")
@@ -80,11 +92,19 @@ def choose_pair(
     if found is not None:
         return found
     if len(names) < 2:
-        raise InputError(
+        error = OneCameraError if names else InputError
+        raise error(
             f"{path}: two cameras are needed, but it holds the events of"
             f" {len(names)}: {_listing(names)}"
         )
     raise InputError(f"{path}: which {what} is which camera? choose {suggestions(names)}")
+
+
+def _only(path: Path, names: Sequence[str], given: str | None, what: str) -> str:
+    if given is None and len(names) != 1:
+        choices = " or ".join(f"--left-topic {name}" for name in sorted(names)) or "another file"
+        raise InputError(f"{path}: which {what} is the camera? choose {choices}")
+    return given or names[0]
 
 
 def suggestions(names: Sequence[str]) -> str:
@@ -126,8 +146,8 @@ def files_of(folder: Path, suffixes: Sequence[str]) -> list[Path]:
 
 def camera_files(
     path: Path, candidates: Sequence[Path], left: str | None, right: str | None
-) -> tuple[Path, Path]:
-    """Return the files of the left and the right camera.
+) -> tuple[Path, Path | None]:
+    """Return the files of the left and the right camera; see `choose_pair`.
 
     Parameters
     ----------
@@ -139,14 +159,14 @@ def camera_files(
         Names that the user gave, relative to the folder.
     """
     folder = path if path.is_dir() else path.parent
-    if path.is_file() and not (left or right):
-        both = paired_files(path)
+    if path.is_file() and left in (None, path.name) and right in (None, NO_CAMERA):
+        both = paired_files(path) if right is None else (path, None)
         if both is None:
-            raise InputError(
+            raise OneCameraError(
                 f"{path}: holds one camera, and no file of the other was found by its name; give"
                 " the folder of both with --left-topic FILE --right-topic FILE"
             )
-        return both
+        return (both[1], both[0]) if left and both[1] == path.absolute() else both
     names = [file.relative_to(folder).as_posix() for file in candidates]
-    chosen = choose_pair(path, names, left, right, "file")
-    return folder / chosen[0], folder / chosen[1]
+    first, second = choose_pair(folder, names, left, right, "file")
+    return folder / first, None if second is None else folder / second

@@ -1,15 +1,15 @@
-"""Recordings of two event streams: common clock, checks, and common batches."""
+"""Recordings of one or two event streams: common clock, checks, and common batches."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from gpvo.errors import InputError
-from gpvo.recordings.base import Events, Recording, StereoEvents
+from gpvo.recordings.base import SIDES, Events, Recording, StereoEvents
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 from gpvo.recordings.checks.clocks import common_clock
 from gpvo.recordings.checks.sensor_size import check_resolution
@@ -32,7 +32,7 @@ OUTSIDE = "events outside the sensor were left out"
 
 
 class StreamRecording(Recording):
-    """Recording of two event streams with a common clock.
+    """Recording of two event streams with a common clock, or of one alone.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ class StreamRecording(Recording):
         Name of the format, for reports.
     rig
         The calibrated rig.
-    left, right
-        The streams of both cameras.
+    streams
+        Those of the left and the right camera, or of the only one.
     batch_length
         Seconds.
 
@@ -66,31 +66,39 @@ class StreamRecording(Recording):
         path: Path,
         format_name: str,
         rig: StereoRig,
-        left: EventStream,
-        right: EventStream,
+        *streams: EventStream,
         batch_length: float = 0.1,
     ) -> None:
         self.path, self.format_name, self.rig = path, format_name, rig
-        self.streams = {"left": left, "right": right}
+        self.streams = dict(zip(SIDES, streams, strict=False))
+        self.sides = tuple(self.streams)
         self.batch_length = batch_length
-        self.faults = {"left": Faults(), "right": Faults()}
-        check_resolution(left.resolution, rig.left.resolution, f"{left.where}:")
-        check_resolution(right.resolution, rig.right.resolution, f"{right.where}:")
-        spans = span_ns(left), span_ns(right)
-        shifts, clock_notes = common_clock(left, right, spans[0][0], spans[1][0])
-        self._shifts_ns = dict(zip(("left", "right"), shifts, strict=True))
-        spans = _shifted(spans[0], shifts[0]), _shifted(spans[1], shifts[1])
-        unreadable = dict.fromkeys([*left.notes, *right.notes])
-        self.notes = [*unreadable, *clock_notes, *check_spans(path, *spans)]
-        self.start_ns = min(spans[0][0], spans[1][0])
-        self.duration = (max(spans[0][1], spans[1][1]) - self.start_ns) / 1e9
+        self.faults = {side: Faults() for side in SIDES}
+        for stream, camera in zip(streams, (rig.left, rig.right), strict=False):
+            check_resolution(stream.resolution, camera.resolution, f"{stream.where}:")
+        unreadable = dict.fromkeys(note for stream in streams for note in stream.notes)
+        spans, clock_notes = self._aligned(streams)
+        self.notes = [*unreadable, *clock_notes]
+        self.start_ns = min(first for first, _ in spans)
+        self.duration = (max(last for _, last in spans) - self.start_ns) / 1e9
         for note in self.notes:
             log.warning("%s: %s", path, note)
+
+    def _aligned(self, streams: Sequence[EventStream]) -> tuple[list[tuple[int, int]], list[str]]:
+        """Align the clocks; return the first and last stamp of each camera, and notes."""
+        self._shifts_ns = dict.fromkeys(SIDES, 0)
+        spans = [span_ns(stream) for stream in streams]
+        if len(streams) == 1:
+            return spans, []
+        shifts, notes = common_clock(streams[0], streams[1], spans[0][0], spans[1][0])
+        self._shifts_ns = dict(zip(SIDES, shifts, strict=True))
+        moved = [_shifted(span, shift) for span, shift in zip(spans, shifts, strict=True)]
+        return moved, [*notes, *check_spans(self.path, *moved)]
 
     def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
         start = max(start, 0.0)
         stop = min(stop, float(np.nextafter(self.duration, np.inf)))
-        self.faults = {"left": Faults(), "right": Faults()}
+        self.faults = {side: Faults() for side in SIDES}
         left, right = self._events("left", start), self._events("right", start)
         yield from stereo_batches(left, right, start, stop, self.batch_length)
         for line in self.fault_lines():
@@ -107,6 +115,8 @@ class StreamRecording(Recording):
 
     def _events(self, side: str, start: float) -> Iterator[Events]:
         """Yield one camera's checked events from `start` on, in seconds since the start."""
+        if side not in self.streams:
+            return
         camera = self.rig.left if side == "left" else self.rig.right
         stream, faults = self.streams[side], self.faults[side]
         origin_ns = self.start_ns - self._shifts_ns[side]

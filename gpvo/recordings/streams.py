@@ -113,11 +113,11 @@ def unread_note(path: Path, share: float) -> str:
     )
 
 
-def nanoseconds(seconds: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return stamps (N,) int64 of seconds.
+def nanoseconds(times: NDArray[np.float64], unit_ns: int = 10**9) -> NDArray[np.int64]:
+    """Return stamps (N,) int64 of times in units of so many nanoseconds.
 
-    Seconds since 1970 are rounded to microseconds, as float64 is not exact below that.
+    Times since 1970 are rounded to microseconds, as float64 is not exact below that.
     """
-    if len(seconds) and np.abs(seconds).max() > 1e7:
-        return np.rint(seconds * 1e6).astype(np.int64) * 1000
-    return np.rint(seconds * 1e9).astype(np.int64)
+    if len(times) and np.abs(times).max() * unit_ns > 1e16:
+        return np.rint(times * (unit_ns / 1000)).astype(np.int64) * 1000
+    return np.rint(times * unit_ns).astype(np.int64)

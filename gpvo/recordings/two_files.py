@@ -1,4 +1,7 @@
-"""Recordings in two files, one for each camera: HDF5 of several kinds, raw, text."""
+"""Recordings in two files, one for each camera: HDF5 of several kinds, raw, text.
+
+A text file may hold both cameras.
+"""
 
 from __future__ import annotations
 
@@ -12,21 +15,24 @@ from gpvo.recordings.calibration.find import Calibration, rig_for
 from gpvo.recordings.files import hdf5_columns, prophesee_hdf5
 from gpvo.recordings.files.hdf5_columns import ColumnStream
 from gpvo.recordings.files.prophesee_raw import RawStream, is_raw
-from gpvo.recordings.files.text import TextStream, is_text
+from gpvo.recordings.files.text import TextStream, cameras_in, is_text
 from gpvo.recordings.hdf5 import has_dataset
-from gpvo.recordings.pairing import camera_files, files_of
+from gpvo.recordings.pairing import camera_files, choose_pair, files_of
 from gpvo.recordings.stereo import StreamRecording
 from gpvo.recordings.streams import EventStream
 
 
 @dataclass(frozen=True)
 class TwoFiles:
-    """A kind of recording with one file for each camera."""
+    """A kind of recording with one file for each camera.
+
+    `stream` takes the file and the camera's (width, height).
+    """
 
     name: str
     suffixes: tuple[str, ...]
     is_kind: Callable[[Path], bool]
-    stream: Callable[[Path], EventStream]
+    stream: Callable[[Path, tuple[int, int]], EventStream]
 
     def recognise(self, path: Path) -> bool:
         """Return whether a file is of this kind, or a folder contains such files."""
@@ -37,12 +43,15 @@ class TwoFiles:
     ) -> Recording:
         """Open the files of both cameras."""
         folder = path if path.is_dir() else path.parent
-        files = camera_files(path, self._files(folder), left, right)
+        both = camera_files(path, self._files(folder), left, right)
         rig = rig_for(path, calibration, self.name)
-        if self.is_kind is COLUMNS.is_kind:
-            for file, camera in zip(files, (rig.left, rig.right), strict=True):
-                check_rectify_map(file.with_name("rectify_map.h5"), camera, rig.K_rect)
-        return StreamRecording(path, self.name, rig, self.stream(files[0]), self.stream(files[1]))
+        streams = []
+        for file, camera in zip(both, (rig.left, rig.right), strict=True):
+            if file is not None:
+                streams.append(self.stream(file, camera.resolution))
+                if self.is_kind is COLUMNS.is_kind:
+                    check_rectify_map(file.with_name("rectify_map.h5"), camera, rig.K_rect)
+        return StreamRecording(path, self.name, rig, *streams)
 
     def _files(self, folder: Path) -> list[Path]:
         return [file for file in files_of(folder, self.suffixes) if self.is_kind(file)]
@@ -54,21 +63,40 @@ COLUMNS = TwoFiles(
     "DSEC, TUM-VIE or VECtor HDF5",
     HDF5,
     lambda path: has_dataset(path, hdf5_columns.DSEC.x),
-    lambda path: ColumnStream(path, hdf5_columns.DSEC),
+    lambda path, _: ColumnStream(path, hdf5_columns.DSEC),
 )
 EVENT_UTILS = TwoFiles(
     "event_utils HDF5",
     HDF5,
     lambda path: has_dataset(path, hdf5_columns.EVENT_UTILS.x),
-    lambda path: ColumnStream(path, hdf5_columns.EVENT_UTILS),
+    lambda path, _: ColumnStream(path, hdf5_columns.EVENT_UTILS),
 )
 PROPHESEE_HDF5 = TwoFiles(
     "Prophesee HDF5",
     HDF5,
     lambda path: has_dataset(path, prophesee_hdf5.EVENTS),
-    prophesee_hdf5.TableStream,
+    lambda path, _: prophesee_hdf5.TableStream(path),
 )
-RAW = TwoFiles("Prophesee raw", (".raw",), is_raw, RawStream)
-TEXT = TwoFiles("text (t x y polarity)", (".txt", ".csv"), is_text, TextStream)
+RAW = TwoFiles("Prophesee raw", (".raw",), is_raw, lambda path, _: RawStream(path))
+
+
+class TextFiles(TwoFiles):
+    """Text, of which one file may hold both cameras."""
+
+    def open(
+        self, path: Path, calibration: Calibration, left: str | None, right: str | None
+    ) -> Recording:
+        """Open the cameras in one file, or the files of both."""
+        names = cameras_in(path) if path.is_file() else ()
+        if not names:
+            return super().open(path, calibration, left, right)
+        chosen = choose_pair(path, names, left, right, "camera")
+        rig = rig_for(path, calibration, self.name)
+        cameras = zip(chosen, (rig.left, rig.right), strict=True)
+        streams = [TextStream(path, camera.resolution, name) for name, camera in cameras if name]
+        return StreamRecording(path, self.name, rig, *streams)
+
+
+TEXT = TextFiles("text (t, x, y, polarity)", (".txt", ".csv"), is_text, TextStream)
 
 KINDS = (COLUMNS, EVENT_UTILS, PROPHESEE_HDF5, RAW, TEXT)

@@ -21,6 +21,7 @@ from gpvo.recordings import Recording, open_recording
 from gpvo.recordings.streams import EventBlock
 from gpvo.recordings.writing.bags import cdr_event_array, ros1_event_array
 from gpvo.recordings.writing.convert import WRITERS, convert
+from gpvo.recordings.writing.raw import RawWriter
 from gpvo.recordings.writing.writer import microseconds
 
 OUTPUTS = {
@@ -29,6 +30,9 @@ OUTPUTS = {
     "mcap": "a.mcap",
     "aedat4": "a.aedat4",
     "dsec": "a",
+    "raw": "a_raw",
+    "text": "a_text",
+    "csv": "a_csv",
 }
 LEFT, RIGHT = event_block(2000, 1), event_block(1500, 2)
 
@@ -47,12 +51,15 @@ KINDS = tuple(WRITERS)
 def test_round_trips(tmp_path: Path, recording: Recording, kind: str, second: str) -> None:
     """Two formats in a row, recognised by their content, each with its calibration beside it."""
     first = tmp_path / "first" / OUTPUTS[kind]
-    assert convert(recording, first) == (2000, 1500)
+    assert convert(recording, first, kind) == (2000, 1500)
     again = tmp_path / "second" / OUTPUTS[second]
-    assert convert(open_recording(first), again) == (2000, 1500)
+    assert convert(open_recording(first), again, second) == (2000, 1500)
     converted = open_recording(again)
+    # Raw files begin at 0.
+    begin = -min(LEFT.t_ns[0], RIGHT.t_ns[0]) if "raw" in (kind, second) else 0
+    expected = shifted(LEFT, begin), shifted(RIGHT, begin)
     # MVSEC's float64 seconds since 1970 resolve a quarter of a microsecond.
-    assert_recording_holds(converted, LEFT, RIGHT, 500 if "mvsec" in (kind, second) else 0)
+    assert_recording_holds(converted, *expected, 500 if "mvsec" in (kind, second) else 0)
     for rows in (LEFT, RIGHT):
         assert (microseconds(rows.t_ns) * 1000 == rows.t_ns).all()
     np.testing.assert_array_equal(converted.rig.tables, recording.rig.tables)
@@ -70,6 +77,36 @@ def test_outputs_that_cannot_be(tmp_path: Path, recording: Recording) -> None:
     assert (tmp_path / "a.bag").read_text() == "precious"
     with pytest.raises(InputError, match="cannot be written"):
         convert(recording, tmp_path / "a.bag/b.mcap")
+
+
+def test_raw_has_limits(tmp_path: Path, calibration: Path) -> None:
+    wide = EventBlock(np.full(3, 2048, "u2"), *(np.zeros(3, kind) for kind in ("u2", "i8", "?")))
+    long = EventBlock(*(np.zeros(2, "u2"),) * 2, np.array([0, 1 << 44]), np.zeros(2, bool))
+    for block, problem in ((wide, "pixels up to 2047, not 2048"), (long, "4.8 hours")):
+        writer = RawWriter(tmp_path / problem, ((0, 0),), 0)
+        with writer, pytest.raises(InputError, match=f"--to raw: EVT2 has {problem}"):
+            writer.append(block)
+
+
+def test_csv_that_pandas_reads(tmp_path: Path, recording: Recording) -> None:
+    pandas = pytest.importorskip("pandas")
+    convert(recording, tmp_path / "a", "csv")
+    table = pandas.read_csv(tmp_path / "a/right.csv")
+    assert list(table.columns) == ["t[us]", "x", "y", "polarity"]
+    np.testing.assert_array_equal(table["t[us]"] * 1000, RIGHT.t_ns)
+    np.testing.assert_array_equal(
+        table[["x", "y", "polarity"]].T, [RIGHT.x, RIGHT.y, RIGHT.polarity]
+    )
+
+
+def test_aedat4_that_dv_reads(tmp_path: Path, recording: Recording) -> None:
+    dv = pytest.importorskip("dv_processing", reason="needs pip install dv-processing")
+    convert(recording, tmp_path / "a.aedat4")
+    reader = dv.io.StereoCameraRecording(str(tmp_path / "a.aedat4"), "left", "right")
+    for side, block in ((reader.getLeftReader(), LEFT), (reader.getRightReader(), RIGHT)):
+        assert side.getEventResolution() == (WIDTH, HEIGHT)
+        events = side.getNextEventBatch().numpy()
+        np.testing.assert_array_equal(events["timestamp"] * 1000, block.t_ns[: len(events)])
 
 
 def test_the_ending_is_not_needed(tmp_path: Path, recording: Recording) -> None:

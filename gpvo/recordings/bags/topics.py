@@ -60,9 +60,9 @@ def open_log(
     if not names:
         listing = ", ".join(f"{topic.name} ({topic.type})" for topic in log.topics.values())
         raise InputError(f"{log.path}: has no topic with events, only {listing}")
-    left, right = choose_pair(log.path, names, left, right, "topic")
-    rig = camera_info_of_log(log, left, right) if calibration is None else None
+    first, second = choose_pair(log.path, names, left, right, "topic")
+    rig = camera_info_of_log(log, first, second) if calibration is None and second else None
     rig = rig or rig_for(log.path, calibration, "the bag")
-    streams = topic_stream(log, left), topic_stream(log, right)
+    streams = [topic_stream(log, name) for name in (first, second) if name]
     streams[0].notes = log.notes
     return StreamRecording(log.path, log.name, rig, *streams)

@@ -58,11 +58,11 @@ def fitting_unit(t: NDArray[np.float64], rate: float) -> str | None:
 
 def _first_times(recording: Recording) -> NDArray[np.float64]:
     """Return the times of the first events of the left camera, of the right one without any."""
-    sides: tuple[list[NDArray[np.float64]], ...] = ([], [])
+    sides: dict[str, list[NDArray[np.float64]]] = {side: [] for side in recording.sides}
     for number, batch in enumerate(recording.event_batches()):
-        for times, events in zip(sides, (batch.left, batch.right), strict=True):
-            times.append(events.t)
-        if min(sum(map(len, times)) for times in sides) >= SAMPLE or number >= LONGEST:
+        for side, times in sides.items():
+            times.append(getattr(batch, side).t)
+        if min(sum(map(len, times)) for times in sides.values()) >= SAMPLE or number >= LONGEST:
             break
-    left, right = (np.concatenate([*times, np.empty(0)])[:SAMPLE] for times in sides)
-    return left if len(left) > WINDOW else right
+    first = [np.concatenate([*times, np.empty(0)])[:SAMPLE] for times in sides.values()]
+    return first[0] if len(first[0]) > WINDOW else first[-1]

@@ -54,12 +54,13 @@ def open_aedat4(
     file = Aedat4(path) if path.is_file() else None
     if file is not None and len(file.sensors) > 1:
         names = choose_pair(path, list(file.sensors), left, right, "stream")
-        streams = Aedat4Stream(file, names[0]), Aedat4Stream(file, names[1])
+        streams = [Aedat4Stream(file, name) for name in names if name]
     else:
         folder = path if path.is_dir() else path.parent
         candidates = [one for one in files_of(folder, (".aedat4",)) if is_aedat4(one)]
+        left = path.name if file is not None and left in file.sensors else left
         both = camera_files(path, candidates, left, right)
-        streams = _only_stream(both[0]), _only_stream(both[1])
+        streams = [_only_stream(one) for one in both if one]
     return StreamRecording(path, "AEDAT4", rig_for(path, calibration, "AEDAT4"), *streams)
 
 

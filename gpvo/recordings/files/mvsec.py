@@ -12,18 +12,18 @@ import h5py
 import numpy as np
 
 from gpvo.errors import InputError
-from gpvo.recordings.base import Events, Recording, StereoEvents
+from gpvo.recordings.base import SIDES, Events, Recording, StereoEvents
 from gpvo.recordings.calibration.find import Calibration, rig_for
 from gpvo.recordings.checks import columns
 from gpvo.recordings.checks.sensor_size import check_resolution
 from gpvo.recordings.checks.time_order import DISORDER_NS, SORTED
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5, read_column
+from gpvo.recordings.pairing import OneCameraError
 from gpvo.recordings.streams import Faults
 
 log = logging.getLogger("gpvo.recordings")
 
-SIDES = ("left", "right")
 TIME = 2
 DISORDER = DISORDER_NS * 1e-9
 """Events that are late by less than this are sorted, seconds."""
@@ -51,11 +51,15 @@ class MvsecRecording(Recording):
         polarity in {-1, 1} or {0, 1}.
     calibration
         File of the stereo calibration, usually a kalibr camchain; None for the only one beside it.
+    one_camera
+        Whether to read only one of them: the left one, or the one that is there.
     batch_length
         Seconds.
 
     Raises
     ------
+    OneCameraError
+        If the file has no events of a camera.
     InputError
         If the file or the calibration cannot be used. Faults of single events are found while
         batches are read, as no dataset is ever read as a whole.
@@ -63,18 +67,28 @@ class MvsecRecording(Recording):
 
     format_name = "MVSEC HDF5"
 
-    def __init__(self, path: Path, calibration: Calibration, batch_length: float = 0.1) -> None:
+    def __init__(
+        self,
+        path: Path,
+        calibration: Calibration,
+        one_camera: bool = False,
+        batch_length: float = 0.1,
+    ) -> None:
         self.path = path
         self.rig = rig_for(path, calibration, "MVSEC's HDF5")
         self.batch_length = batch_length
         self.faults = {side: Faults() for side in SIDES}
         self._said: set[str] = set()
         with open_hdf5(path) as file:
-            left, right = (self._table(file, side).span() for side in SIDES)
-        columns.check_common_time(left, right, path, "davis/left/events and davis/right/events")
-        self._start = min(left[0], right[0])
+            if one_camera:
+                self.sides = ("right",) if not holds(file, "davis/left/events") else ("left",)
+            spans = [self._table(file, side).span() for side in self.sides]
+        columns.check_common_time(
+            spans[0], spans[-1], path, "davis/left/events and davis/right/events"
+        )
+        self._start = min(first for first, _ in spans)
         self.start_ns = round(self._start * 1e9)
-        self.duration = max(left[1], right[1]) - self._start
+        self.duration = max(last for _, last in spans) - self._start
 
     def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
         start = max(start, 0.0)
@@ -83,6 +97,8 @@ class MvsecRecording(Recording):
         with open_hdf5(self.path) as file:
             left, right = (
                 self._table(file, side).blocks(self._start, start, self.faults[side])
+                if side in self.sides
+                else iter(())
                 for side in SIDES
             )
             yield from stereo_batches(left, right, start, stop, self.batch_length)
@@ -115,7 +131,7 @@ class _EventTable:
     def open(file: h5py.File, name: str, resolution: tuple[int, int]) -> _EventTable:
         where = f"{file.filename}: {name}"
         if not holds(file, name):
-            raise InputError(f"{where} is missing; give MVSEC's *_data.hdf5 with both cameras")
+            raise OneCameraError(f"{where} is missing; give MVSEC's *_data.hdf5 with both cameras")
         dataset = file[name]
         if not _is_event_table(dataset):
             raise InputError(f"{where} is not a table of N x 4 float64: x, y, seconds, polarity")

@@ -8,9 +8,10 @@ from pathlib import Path
 import lz4.frame
 import numpy as np
 
+from gpvo.recordings.base import SIDES
 from gpvo.recordings.files.aedat4 import EVENT, MAGIC
 from gpvo.recordings.streams import EventBlock
-from gpvo.recordings.writing.writer import SIDES, RecordingWriter, Size, microseconds
+from gpvo.recordings.writing.writer import RecordingWriter, Sizes, microseconds
 
 LZ4 = 1
 PACKET_EVENTS = 1 << 15
@@ -39,8 +40,8 @@ HEADER = """<dv version="2.0">
 class Aedat4Writer(RecordingWriter):
     """Writer of streams `left` and `right`, packed by LZ4, without the final table of packets."""
 
-    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
-        cameras = zip(SIDES, sizes, strict=True)
+    def __init__(self, path: Path, sizes: Sizes, start_ns: int) -> None:
+        cameras = zip(SIDES, sizes, strict=False)
         streams = "".join(
             STREAM.format(number=number, name=side, width=width, height=height)
             for number, (side, (width, height)) in enumerate(cameras)
@@ -48,8 +49,8 @@ class Aedat4Writer(RecordingWriter):
         self._file = path.open("wb")
         self._file.write(MAGIC + io_header(HEADER.format(streams=streams), LZ4))
 
-    def append(self, left: EventBlock, right: EventBlock) -> None:
-        for number, block in enumerate((left, right)):
+    def append(self, *blocks: EventBlock) -> None:
+        for number, block in enumerate(blocks):
             for first in range(0, len(block), PACKET_EVENTS):
                 packed = lz4.frame.compress(event_packet(block[first : first + PACKET_EVENTS]))
                 self._file.write(struct.pack("<ii", number, len(packed)) + packed)

@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from gpvo.recordings.bags.event_messages import CDR_EVENT, ROS1_EVENT
 from gpvo.recordings.streams import EventBlock
-from gpvo.recordings.writing.writer import RecordingWriter, Size
+from gpvo.recordings.writing.writer import RecordingWriter, Sizes
 
 PACKET_NS = 1_000_000
 """One message per millisecond, as trackers that run in ROS expect."""
@@ -46,7 +46,7 @@ bool polarity
 class RosBag1Writer(RecordingWriter):
     """Writer of a ROS 1 bag with /davis/left/events and /davis/right/events."""
 
-    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
+    def __init__(self, path: Path, sizes: Sizes, start_ns: int) -> None:
         self._sizes = sizes
         self._writer = Rosbag1LibraryWriter(path)
         self._writer.open()
@@ -55,11 +55,12 @@ class RosBag1Writer(RecordingWriter):
         array = EVENT_ARRAY.format(header="std_msgs/Header", event="dvs_msgs/Event")
         types.register(get_types_from_msg(array, TYPE))
         self._connections = [
-            self._writer.add_connection(topic, TYPE, typestore=types) for topic in TOPICS
+            self._writer.add_connection(topic, TYPE, typestore=types)
+            for topic in TOPICS[: len(sizes)]
         ]
 
-    def append(self, left: EventBlock, right: EventBlock) -> None:
-        for side, packet in packets(left, right):
+    def append(self, *blocks: EventBlock) -> None:
+        for side, packet in packets(*blocks):
             stamp_ns = int(packet.t_ns[-1])
             message = ros1_event_array(packet, self._sizes[side])
             self._writer.write(self._connections[side], stamp_ns, message)
@@ -71,16 +72,18 @@ class RosBag1Writer(RecordingWriter):
 class McapWriter(RecordingWriter):
     """Writer of MCAP with ROS 2 messages on /davis/left/events and /davis/right/events."""
 
-    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
+    def __init__(self, path: Path, sizes: Sizes, start_ns: int) -> None:
         self._sizes = sizes
         self._file = path.open("wb")
         self._writer = McapLibraryWriter(self._file)
         self._writer.start(profile="ros2", library="gpvo")
         schema = self._writer.register_schema(TYPE, "ros2msg", ROS2_SCHEMA.encode())
-        self._channels = [self._writer.register_channel(topic, "cdr", schema) for topic in TOPICS]
+        self._channels = [
+            self._writer.register_channel(topic, "cdr", schema) for topic in TOPICS[: len(sizes)]
+        ]
 
-    def append(self, left: EventBlock, right: EventBlock) -> None:
-        for side, packet in packets(left, right):
+    def append(self, *blocks: EventBlock) -> None:
+        for side, packet in packets(*blocks):
             stamp_ns = int(packet.t_ns[-1])
             message = cdr_event_array(packet, self._sizes[side])
             self._writer.add_message(self._channels[side], stamp_ns, message, stamp_ns)
@@ -90,11 +93,11 @@ class McapWriter(RecordingWriter):
         self._file.close()
 
 
-def packets(left: EventBlock, right: EventBlock) -> Iterator[tuple[int, EventBlock]]:
-    """Yield pieces of one millisecond of both cameras (0 left, 1 right), in time order."""
+def packets(*blocks: EventBlock) -> Iterator[tuple[int, EventBlock]]:
+    """Yield pieces of one millisecond of all cameras (0 left, 1 right), in time order."""
     pieces = [
         (int(piece.t_ns[-1]), side, piece)
-        for side, block in enumerate((left, right))
+        for side, block in enumerate(blocks)
         for piece in _pieces(block)
     ]
     for _, side, piece in sorted(pieces, key=lambda entry: entry[:2]):

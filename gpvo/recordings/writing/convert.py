@@ -8,15 +8,19 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Literal, get_args
 
+import numpy as np
+
 from gpvo.errors import InputError
 from gpvo.recordings.base import Recording
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
 from gpvo.recordings.writing.aedat4 import Aedat4Writer
 from gpvo.recordings.writing.bags import McapWriter, RosBag1Writer
 from gpvo.recordings.writing.hdf5 import DsecWriter, MvsecWriter
-from gpvo.recordings.writing.writer import RecordingWriter, Size, stamped, write_camchain
+from gpvo.recordings.writing.raw import RawWriter
+from gpvo.recordings.writing.text import CsvWriter, TextWriter
+from gpvo.recordings.writing.writer import RecordingWriter, Size, Sizes, stamped, write_camchain
 
-Kind = Literal["mvsec", "dsec", "rosbag1", "mcap", "aedat4"]
+Kind = Literal["mvsec", "dsec", "rosbag1", "mcap", "aedat4", "raw", "text", "csv"]
 
 WRITERS: dict[str, type[RecordingWriter]] = {
     "mvsec": MvsecWriter,
@@ -24,7 +28,12 @@ WRITERS: dict[str, type[RecordingWriter]] = {
     "rosbag1": RosBag1Writer,
     "mcap": McapWriter,
     "aedat4": Aedat4Writer,
+    "raw": RawWriter,
+    "text": TextWriter,
+    "csv": CsvWriter,
 }
+FOLDERS = ("dsec", "raw", "text", "csv")
+"""Kinds with a folder, in which each camera has a file."""
 
 ENDINGS: dict[str, Kind] = {
     ".hdf5": "mvsec",
@@ -41,16 +50,17 @@ def convert(
     output: Path | str,
     kind: str | None = None,
     advance: Callable[[float], object] = lambda _: None,
-) -> tuple[int, int]:
+) -> tuple[int, ...]:
     """Write a recording in another format.
 
     The calibration is written beside it as a kalibr camchain, where `open_recording` finds it;
-    a recording opened with UNKNOWN_RIG is written without one.
+    a recording opened with UNKNOWN_RIG is written without one. One camera alone is written as the
+    left one.
 
     Parameters
     ----------
     output
-        File, or folder for DSEC; must not exist.
+        File, or folder for FOLDERS; must not exist.
     kind
         Key of WRITERS; if None, found from the ending of `output`.
     advance
@@ -58,8 +68,8 @@ def convert(
 
     Returns
     -------
-    (left, right)
-        Numbers of events that were written.
+    counts
+        Number of events that were written of each camera.
 
     Raises
     ------
@@ -92,15 +102,17 @@ def convert(
 def kind_of(output: Path) -> Kind:
     """Return the format for the ending of a file's name."""
     if output.suffix not in ENDINGS:
+        kinds = " or ".join(f"--to {kind}" for kind in get_args(Kind))
         raise InputError(
-            f"{output}: which format? its ending says nothing; give --to {'|'.join(get_args(Kind))}"
+            f"{output}: which format? its ending says nothing; give {kinds};"
+            f" {', '.join(FOLDERS)} need a folder"
         )
     return ENDINGS[output.suffix]
 
 
 def camchain_path(output: Path, kind: str) -> Path:
     """Return the path of a converted recording's calibration."""
-    return output / "camchain.yaml" if kind == "dsec" else output.with_suffix(".camchain.yaml")
+    return output / "camchain.yaml" if kind in FOLDERS else output.with_suffix(".camchain.yaml")
 
 
 def _write(
@@ -108,26 +120,41 @@ def _write(
     path: Path,
     writer: type[RecordingWriter],
     advance: Callable[[float], object],
-) -> tuple[int, int]:
+) -> tuple[int, ...]:
     _remove(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    left_count = right_count = 0
+    counts = np.zeros(len(recording.sides), np.int64)
     with writer(path, sensor_sizes(recording), recording.start_ns) as opened:
         for batch in recording.event_batches():
-            left, right = (stamped(side, recording.start_ns) for side in (batch.left, batch.right))
-            opened.append(left, right)
-            left_count, right_count = left_count + len(left), right_count + len(right)
+            events = [getattr(batch, side) for side in recording.sides]
+            opened.append(*(stamped(side, recording.start_ns) for side in events))
+            counts += [len(side) for side in events]
             advance(batch.stop)
-    return left_count, right_count
+    return tuple(counts.tolist())
 
 
-def sensor_sizes(recording: Recording) -> tuple[Size, Size]:
-    """Return (width, height) of both cameras; zeros if neither calibration nor file has them."""
+def sensor_sizes(recording: Recording) -> Sizes:
+    """Return (width, height) of each camera.
+
+    Where neither calibration nor file has them, the smallest that hold all events.
+    """
     if recording.rig is not UNKNOWN_RIG:
-        return recording.rig.left.resolution, recording.rig.right.resolution
+        return tuple(getattr(recording.rig, side).resolution for side in recording.sides)
     streams = getattr(recording, "streams", {})
-    left, right = (streams[side].resolution if streams else None for side in ("left", "right"))
-    return left or (0, 0), right or (0, 0)
+    stated = [streams[side].resolution if streams else None for side in recording.sides]
+    return tuple(size for size in stated if size) if all(stated) else _reach(recording)
+
+
+def _reach(recording: Recording) -> Sizes:
+    """Return the smallest size of each camera that holds all its events."""
+    reach: list[Size] = [(0, 0)] * len(recording.sides)
+    for batch in recording.event_batches():
+        for number, side in enumerate(recording.sides):
+            events, (width, height) = getattr(batch, side), reach[number]
+            if len(events):
+                far = int(events.x.max()) + 1, int(events.y.max()) + 1
+                reach[number] = max(width, far[0]), max(height, far[1])
+    return tuple(reach)
 
 
 def _remove(path: Path) -> None:

@@ -9,8 +9,9 @@ import hdf5plugin
 import numpy as np
 from numpy.typing import NDArray
 
+from gpvo.recordings.base import SIDES
 from gpvo.recordings.streams import EventBlock
-from gpvo.recordings.writing.writer import SIDES, RecordingWriter, Size, microseconds
+from gpvo.recordings.writing.writer import RecordingWriter, Sizes, microseconds
 
 CHUNK_ROWS = 1 << 16
 
@@ -21,7 +22,7 @@ GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 class MvsecWriter(RecordingWriter):
     """Writer of davis/{left,right}/events, (N, 4) float64: x, y, seconds, polarity -1 or 1."""
 
-    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
+    def __init__(self, path: Path, sizes: Sizes, start_ns: int) -> None:
         self._file = h5py.File(path, "w")
         self._tables = [
             self._file.create_dataset(
@@ -32,11 +33,11 @@ class MvsecWriter(RecordingWriter):
                 chunks=(CHUNK_ROWS, 1),
                 **GZIP,
             )
-            for side in SIDES
+            for side in SIDES[: len(sizes)]
         ]
 
-    def append(self, left: EventBlock, right: EventBlock) -> None:
-        for table, block in zip(self._tables, (left, right), strict=True):
+    def append(self, *blocks: EventBlock) -> None:
+        for table, block in zip(self._tables, blocks, strict=True):
             polarity = np.where(block.polarity, 1.0, -1.0)
             seconds = microseconds(block.t_ns) / 1e6
             rows = len(table)
@@ -50,12 +51,15 @@ class MvsecWriter(RecordingWriter):
 class DsecWriter(RecordingWriter):
     """Writer of a folder with events/{left,right}/events.h5: columns, t_offset and ms_to_idx."""
 
-    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None:
+    def __init__(self, path: Path, sizes: Sizes, start_ns: int) -> None:
         offset_us = start_ns // 1000
-        self._files = [_DsecFile(path / "events" / side / "events.h5", offset_us) for side in SIDES]
+        self._files = [
+            _DsecFile(path / "events" / side / "events.h5", offset_us)
+            for side in SIDES[: len(sizes)]
+        ]
 
-    def append(self, left: EventBlock, right: EventBlock) -> None:
-        for file, block in zip(self._files, (left, right), strict=True):
+    def append(self, *blocks: EventBlock) -> None:
+        for file, block in zip(self._files, blocks, strict=True):
             file.append(block)
 
     def close(self) -> None:

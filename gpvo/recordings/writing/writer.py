@@ -13,8 +13,8 @@ from gpvo.recordings.base import Events
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 from gpvo.recordings.streams import EventBlock
 
-SIDES = ("left", "right")
 Size = tuple[int, int]
+Sizes = tuple[Size, ...]
 
 
 class RecordingWriter(ABC):
@@ -25,17 +25,17 @@ class RecordingWriter(ABC):
     path
         File or folder; must not exist yet.
     sizes
-        (width, height) of the left and the right sensor; zeros if unknown.
+        (width, height) of the left and the right sensor, or of the only one; zeros if unknown.
     start_ns
         Absolute stamp of the first event of either camera.
     """
 
     @abstractmethod
-    def __init__(self, path: Path, sizes: tuple[Size, Size], start_ns: int) -> None: ...
+    def __init__(self, path: Path, sizes: Sizes, start_ns: int) -> None: ...
 
     @abstractmethod
-    def append(self, left: EventBlock, right: EventBlock) -> None:
-        """Append both cameras' events of one interval, later than all before."""
+    def append(self, *blocks: EventBlock) -> None:
+        """Append each camera's events of one interval, later than all before."""
 
     @abstractmethod
     def close(self) -> None:
