@@ -46,7 +46,7 @@ def info(
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
 ) -> None:
-    """Print what a recording, also of one camera, holds: events, calibration, truth, faults."""
+    """Print what a recording holds: sensor, events, calibration, ground truth, faults."""
     opened, calibrated = open_for_info(recording, calibration, left_topic, right_topic)
     with reading_progress(console, opened.duration) as advance:
         summary = summarise(opened, calibrated, advance)
