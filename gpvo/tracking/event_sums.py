@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ Sums = NDArray[np.float32]
 
 CELL = 8
 """Side of the cells of averaged image motion, pixels; motion is interpolated between cells."""
+FINE = 4
+"""Side of the cells whose events are moved alike, pixels: interpolating for each takes too long."""
 
 
 @njit(cache=True, nogil=True)
@@ -42,40 +45,61 @@ def _motion_at(flow: Flow, u: float, v: float) -> tuple[float, float]:
     )
 
 
-@njit(cache=True, nogil=True)
+def fine_flow(flow: Flow) -> Flow:
+    """Interpolate image motion for the middles of FINE cells."""
+    rows, columns, _ = flow.shape
+    size = columns * CELL // FINE, rows * CELL // FINE
+    return np.asarray(cv2.resize(flow, size, interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def add_events(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     t: Array,
     table: NDArray[np.float32],
-    side: float,
+    side: int,
     reference: float,
-    flow: Flow,
+    fine: Flow,
     sums: Sums,
 ) -> None:
     """Add events at raw pixels (x, y) to the four pixels around their positions at `reference`.
 
     `table` (raw height, raw width, 2) holds the rectified pixels. Pixels of the sums are `side` of
-    these wide. Where a table holds NaN, as some do, events are left out.
+    these wide. `fine` is the image motion of FINE cells, that of the last one beyond them. Where a
+    table holds NaN, as some do, events are left out.
     """
     height, width, _ = sums.shape
-    shift = (side - 1) / 2
+    rows, columns, _ = fine.shape
+    # float32 and unsigned indices: events are many, and no index is negative.
+    last_row, last_column = np.uint64(rows - 1), np.uint64(columns - 1)
+    right_end, low_end = np.float32(width - 1), np.float32(height - 1)
+    scale, shift = np.float32(1 / side), np.float32((side - 1) / (2 * side))
+    half, one = np.float32(0.5), np.float32(1)
     for i in range(len(t)):
-        u, v = (table[y[i], x[i], 0] - shift) / side, (table[y[i], x[i], 1] - shift) / side
-        if not (-0.5 <= u < width - 0.5 and -0.5 <= v < height - 0.5):
+        place = table[np.uint64(y[i]), np.uint64(x[i])]
+        u, v = place[0] * scale - shift, place[1] * scale - shift
+        if not (-half <= u < right_end + half and -half <= v < low_end + half):
             continue
-        delay = t[i] - reference
-        motion = _motion_at(flow, u, v)
+        delay = np.float32(t[i] - reference)
+        cell_row = min(np.uint64(v + half) // np.uint64(FINE), last_row)
+        motion = fine[cell_row, min(np.uint64(u + half) // np.uint64(FINE), last_column)]
         u, v = u - delay * motion[0], v - delay * motion[1]
-        if not (0 <= u < width - 1 and 0 <= v < height - 1):
+        if not (0 <= u < right_end and 0 <= v < low_end):
             continue
-        column, row = int(u), int(v)
-        right, low = u - column, v - row
-        for line, share in ((row, 1 - low), (row + 1, low)):
-            sums[line, column, 0] += share * (1 - right)
-            sums[line, column, 1] += share * (1 - right) * delay
-            sums[line, column + 1, 0] += share * right
-            sums[line, column + 1, 1] += share * right * delay
+        column, row = np.uint64(u), np.uint64(v)
+        right, low = u - np.float32(column), v - np.float32(row)
+        _share(sums[row, column:], (one - low) * (one - right), (one - low) * right, delay)
+        _share(sums[row + np.uint64(1), column:], low * (one - right), low * right, delay)
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def _share(pixels: Sums, left: float, right: float, delay: float) -> None:
+    """Add the shares of an event to two pixels side by side."""
+    pixels[0, 0] += left
+    pixels[0, 1] += left * delay
+    pixels[1, 0] += right
+    pixels[1, 1] += right * delay
 
 
 @njit(cache=True, nogil=True)
@@ -89,8 +113,17 @@ def mean_delays(sums: Sums, points: Array, radius: float) -> Array:
         for row in range(max(0, int(np.ceil(v - radius))), min(height - 1, int(v + radius)) + 1):
             half = np.sqrt(max(radius**2 - (row - v) ** 2, 0.0))
             first, last = max(0, int(np.ceil(u - half))), min(width - 1, int(u + half))
-            for column in range(first, last + 1):
-                events += sums[row, column, 0]
-                total += sums[row, column, 1]
+            in_row = _totals(sums[row, first : last + 1])
+            events, total = events + in_row[0], total + in_row[1]
         means[i] = total / events if events > 0 else 0.0
     return means
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+def _totals(pixels: Sums) -> tuple[float, float]:
+    """Sum both columns of some pixels, in an order that suits vector registers."""
+    events = delays = np.float32(0)
+    for k in range(len(pixels)):
+        events += pixels[k, 0]
+        delays += pixels[k, 1]
+    return float(events), float(delays)

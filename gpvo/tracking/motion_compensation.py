@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from gpvo.config.stages import CompensationConfig
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.events.noise_level import NoiseLevel
-from gpvo.tracking.event_sums import CELL, Flow, Sums, add_events, mean_delays, motion_at
+from gpvo.tracking.event_sums import (
+    CELL,
+    Flow,
+    Sums,
+    add_events,
+    fine_flow,
+    mean_delays,
+    motion_at,
+)
 from gpvo.tracking.observations import Observations
 
 Array = NDArray[np.float64]
@@ -61,8 +69,8 @@ class CompensatedImage:
         """Move events along the image motion to a time (seconds), in pixels `side` as wide."""
         width, height = image.resolution
         sums = np.zeros((height // side, width // side, 2), np.float32)
-        events = image.events
-        add_events(events.x, events.y, events.t, image.table, float(side), reference, flow, sums)
+        events, fine = image.events, fine_flow(flow)
+        add_events(events.x, events.y, events.t, image.table, side, reference, fine, sums)
         return CompensatedImage(reference, flow, sums)
 
     def held(self, reference: float) -> CompensatedImage:

@@ -6,8 +6,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from gpvo.tracking.klt.patch_kernels import FAST, corner_weights
+
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
+Patch = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True)
@@ -21,34 +24,43 @@ def patch_correlation(
     0.
     """
     side = 2 * radius + 1
-    a, b = np.empty(side * side), np.empty(side * side)
+    window, a, b = np.empty((side + 1, side + 1)), np.empty((side, side)), np.empty((side, side))
     correlation = np.zeros(len(first_points))
     for i in range(len(first_points)):
-        _sample(first, first_points[i, 0], first_points[i, 1], radius, a)
-        _sample(second, second_points[i, 0], second_points[i, 1], radius, b)
+        _sample(first, first_points[i, 0], first_points[i, 1], window, a)
+        _sample(second, second_points[i, 0], second_points[i, 1], window, b)
         a -= a.mean()
         b -= b.mean()
-        contrast = np.sqrt((a * a).sum() * (b * b).sum())
+        contrast = np.sqrt(_dot(a, a) * _dot(b, b))
         if contrast > 0:
-            correlation[i] = (a * b).sum() / contrast
+            correlation[i] = _dot(a, b) / contrast
     return correlation
 
 
 @njit(cache=True, nogil=True)
-def _sample(image: Image, u: float, v: float, radius: int, patch: NDArray[np.float64]) -> None:
-    """Sample the patch around (u, v) bilinearly, row by row."""
+def _sample(image: Image, u: float, v: float, window: Patch, patch: Patch) -> None:
+    """Sample the patch around (u, v) bilinearly from a window of whole pixels."""
     height, width = image.shape
+    side = len(patch)
     left, top = int(np.floor(u)), int(np.floor(v))
-    x, y = u - left, v - top
-    k = 0
-    for row in range(top - radius, top + radius + 1):
-        above, below = min(max(row, 0), height - 1), min(max(row + 1, 0), height - 1)
-        for column in range(left - radius, left + radius + 1):
-            here, next_ = min(max(column, 0), width - 1), min(max(column + 1, 0), width - 1)
-            upper = (1 - x) * image[above, here] + x * image[above, next_]
-            lower = (1 - x) * image[below, here] + x * image[below, next_]
-            patch[k] = (1 - y) * upper + y * lower
-            k += 1
+    for row in range(side + 1):
+        line = image[min(max(top - side // 2 + row, 0), height - 1)]
+        for column in range(side + 1):
+            window[row, column] = line[min(max(left - side // 2 + column, 0), width - 1)]
+    a, b, c, d = corner_weights(u - left, v - top)
+    for row in range(side):
+        upper, lower, samples = window[row], window[row + 1], patch[row]
+        for k in range(side):
+            samples[k] = a * upper[k] + b * upper[k + 1] + c * lower[k] + d * lower[k + 1]
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _dot(a: Patch, b: Patch) -> float:
+    total = 0.0
+    for row in range(len(a)):
+        for k in range(a.shape[1]):
+            total += a[row, k] * b[row, k]
+    return total
 
 
 @njit(cache=True, nogil=True)
