@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
 from gpvo.config import McRansacConfig
-from gpvo.mc_ransac.fast_kernels import best_sample_velocity
+from gpvo.mc_ransac.fast_kernels import best_sample_velocity, distinct_indices
 from gpvo.mc_ransac.segments import Segments, inlier_tolerance
 
 Array = NDArray[np.float64]
@@ -47,8 +47,4 @@ def random_samples(
     count: int, size: int, iterations: int, rng: np.random.Generator
 ) -> NDArray[np.int64]:
     """Draw indices (iterations, size) below `count`, uniform and distinct within a row."""
-    samples = rng.integers(0, count - np.arange(size), size=(iterations, size))
-    for column in range(1, size):
-        for earlier in np.sort(samples[:, :column], axis=1).T:
-            samples[:, column] += samples[:, column] >= earlier
-    return samples
+    return distinct_indices(rng.random((iterations, size)), count)

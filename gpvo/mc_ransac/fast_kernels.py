@@ -18,7 +18,7 @@ BLOCK = 32
 """Number of segments tested at once, in vector registers; the count may end after each block."""
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def moved_points(points: Array, dt: Array, velocity: Array) -> Array:
     """Compute where static points (N, 3) are in the camera frame after dt (N,): Exp(-dt v) p."""
     moved = np.empty_like(points)
@@ -27,7 +27,7 @@ def moved_points(points: Array, dt: Array, velocity: Array) -> Array:
     return moved
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def move(x: float, y: float, z: float, dt: float, velocity: Array) -> tuple[float, float, float]:
     """Compute Exp(-dt v) p."""
     fx, fy, fz = -dt * velocity[0], -dt * velocity[1], -dt * velocity[2]
@@ -35,7 +35,7 @@ def move(x: float, y: float, z: float, dt: float, velocity: Array) -> tuple[floa
     return _move_by_series(x, y, z, dt, velocity, series)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _move_by_series(
     x: float, y: float, z: float, dt: float, velocity: Array, series: tuple[float, float, float]
 ) -> tuple[float, float, float]:
@@ -57,7 +57,7 @@ def _move_by_series(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _rotation_series(squared_angle: float) -> tuple[float, float, float]:
     """Compute sin(w)/w, (1 - cos w)/w^2 and (w - sin w)/w^3 from the squared angle w^2."""
     if squared_angle < HALF_TURN:
@@ -66,7 +66,7 @@ def _rotation_series(squared_angle: float) -> tuple[float, float, float]:
     return np.sin(angle) / angle, (1 - np.cos(angle)) / s, (angle - np.sin(angle)) / (angle * s)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _half_turn_series(s: float) -> tuple[float, float, float]:
     """Compute `_rotation_series` below `HALF_TURN`, without branches and square roots."""
     b = B[8] - s * (B[9] - s * (B[10] - s * (B[11] - s * B[12])))
@@ -78,7 +78,7 @@ def _half_turn_series(s: float) -> tuple[float, float, float]:
     return 1.0 - s * c, b, c
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def best_sample_velocity(
     points: Array,
     displacements: Array,
@@ -112,7 +112,7 @@ def best_sample_velocity(
     return best_velocity
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _samples_needed(inlier_ratio: float, sample_size: int, confidence: float) -> float:
     all_inliers = inlier_ratio**sample_size
     if confidence >= 1 or all_inliers <= 0:
@@ -120,7 +120,7 @@ def _samples_needed(inlier_ratio: float, sample_size: int, confidence: float) ->
     return np.log(1 - confidence) / np.log(1 - min(all_inliers, 1 - 1e-12))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sample_velocity(
     points: Array, displacements: Array, dt: Array, sample: NDArray[np.int64]
 ) -> tuple[bool, Array]:
@@ -156,7 +156,7 @@ def sample_velocity(
     return solved, velocity
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _solve_inertia(
     moments: tuple[float, float, float, float, float, float], right: tuple[float, float, float]
 ) -> tuple[bool, float, float, float]:
@@ -186,7 +186,7 @@ def _solve_inertia(
     return True, b0 / d0 - l10 * y - l20 * z, y, z
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _count_inliers(columns: Array, camera: Array, velocity: Array, most: int) -> int:
     """Count the segments within tolerance; give up once the count cannot exceed `most`.
 
@@ -207,7 +207,7 @@ def _count_inliers(columns: Array, camera: Array, velocity: Array, most: int) ->
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _count_half_turns(columns: Array, start: int, stop: int, camera: Array, velocity: Array) -> int:
     """Count inliers among some segments, without branches so that it runs in vector registers."""
     squared_speed = velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2
@@ -220,7 +220,7 @@ def _count_half_turns(columns: Array, start: int, stop: int, camera: Array, velo
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _count_turns(columns: Array, start: int, stop: int, camera: Array, velocity: Array) -> int:
     count = 0
     for i in range(start, stop):
@@ -229,7 +229,7 @@ def _count_turns(columns: Array, start: int, stop: int, camera: Array, velocity:
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _is_inlier(
     point: tuple[float, float, float], columns: Array, i: int, camera: Array
 ) -> np.int64:
@@ -244,3 +244,21 @@ def _is_inlier(
     disparity = camera[0] * camera[4] / z - columns[5, i]
     near = u * u + v * v + disparity * disparity <= columns[7, i]
     return np.int64(near & (z > 0))
+
+
+@njit(cache=True, nogil=True)
+def distinct_indices(uniform: Array, count: int) -> NDArray[np.int64]:
+    """Make indices (M, size) below `count`, distinct within a row, of numbers in [0, 1)."""
+    samples = np.empty(uniform.shape, np.int64)
+    taken = np.empty(uniform.shape[1], np.int64)  # in order
+    for i in range(len(uniform)):
+        for k in range(uniform.shape[1]):
+            index = int(uniform[i, k] * (count - k))
+            place = 0
+            while place < k and index >= taken[place]:
+                index += 1
+                place += 1
+            for later in range(k, place, -1):
+                taken[later] = taken[later - 1]
+            taken[place] = samples[i, k] = index
+    return samples

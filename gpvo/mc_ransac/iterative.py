@@ -168,11 +168,33 @@ def normal_equations(
         _by_twist(by_twist, x, y, z, u, v, disparity)
         step = -dt[n] * velocity
         jacobian = se3_polynomial_kernel(step, jacobian_coefficients_kernel(step, LEFT))
-        by_velocity[:] = -dt[n] * (by_twist @ jacobian)
-        weighted[:] = information @ by_velocity
-        normal += weighted.T @ by_velocity
-        right += weighted.T @ error
+        _multiply(by_twist, jacobian, -dt[n], by_velocity)
+        _multiply(information, by_velocity, 1.0, weighted)
+        _add_products(weighted, by_velocity, error, normal, right)
+    for j in range(6):
+        normal[:j, j] = normal[j, :j]
     return normal, right
+
+
+@kernel
+def _multiply(A: Array, B: Array, factor: float, product: Array) -> None:
+    """Write factor A B; for matrices this small a library's product takes several times longer."""
+    for i in range(A.shape[0]):
+        for j in range(B.shape[1]):
+            total = 0.0
+            for k in range(A.shape[1]):
+                total += A[i, k] * B[k, j]
+            product[i, j] = factor * total
+
+
+@kernel
+def _add_products(A: Array, B: Array, e: Array, normal: Array, right: Array) -> None:
+    """Add A^T B to the lower triangle of `normal`, and A^T e to `right`."""
+    for i in range(3):
+        for j in range(6):
+            right[j] += A[i, j] * e[i]
+            for k in range(j + 1):
+                normal[j, k] += A[i, j] * B[i, k]
 
 
 @kernel
