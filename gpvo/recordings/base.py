@@ -81,11 +81,14 @@ class Recording(ABC):
         What a user should know before trusting the recording, found when it was opened.
     sides
         Cameras in it: left and right, or the only one.
+    time_unit
+        Unit in which the file's times are read: seconds, milliseconds, microseconds, nanoseconds.
     """
 
     format_name: str = "recording"
     notes: Sequence[str] = ()
     sides: tuple[str, ...] = SIDES
+    time_unit: str = "seconds"
     path: Path
     rig: StereoRig
     start_ns: int

@@ -71,7 +71,7 @@ class StreamRecording(Recording):
     ) -> None:
         self.path, self.format_name, self.rig = path, format_name, rig
         self.streams = dict(zip(SIDES, streams, strict=False))
-        self.sides = tuple(self.streams)
+        self.sides, self.time_unit = tuple(self.streams), streams[0].time_unit
         self.batch_length = batch_length
         self.faults = {side: Faults() for side in SIDES}
         for stream, camera in zip(streams, (rig.left, rig.right), strict=False):

@@ -64,12 +64,15 @@ class EventStream(ABC):
         Period after which the sensor's clock starts again; 0 for absolute stamps.
     notes
         What could not be read when the stream was opened.
+    time_unit
+        Unit in which the file's times are read: seconds, milliseconds, microseconds, nanoseconds.
     """
 
     where: str
     resolution: tuple[int, int] | None = None
     wrap_ns: int = 0
     notes: Sequence[str] = ()
+    time_unit: str = "seconds"
 
     @abstractmethod
     def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from encoders import START_NS, column_file, event_block
 from recording_files import event_rows, write_mvsec
 
 from gpvo.errors import InputError
@@ -134,7 +135,7 @@ def test_times_in_another_unit_are_refused_with_its_name(unit: str | None, secon
     events = Events(pixels, pixels, t, pixels > 0)
 
     class Stream(Recording):
-        path = Path("stream")
+        path, start_ns = Path("stream"), 0
 
         def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
             return stereo_batches(iter([events]), iter([events]), 0.0, t[-1] + 1, t[-1] / 10)
@@ -144,6 +145,54 @@ def test_times_in_another_unit_are_refused_with_its_name(unit: str | None, secon
         return
     with pytest.raises(InputError, match=f"are the times {unit}\\? they must be seconds"):
         check_time_unit(Stream())
+
+
+@pytest.mark.parametrize(("unit", "ratio"), [("milliseconds", 1e3), ("microseconds", 1e6)])
+def test_stamps_since_1970_name_their_unit(
+    tmp_path: Path, calibration: Path, unit: str, ratio: float
+) -> None:
+    """In MVSEC's table they would be far in the future."""
+    rows = GOOD * [1, 1, ratio, 1]
+    message = fault(write_mvsec(tmp_path / "a.hdf5", rows, rows), calibration)
+    assert (
+        f"davis/left/events row 0: time {rows[0, 2]:.17g} seems to be {unit} since 1970" in message
+    )
+    assert "times must be seconds: convert them" in message
+
+
+@pytest.mark.parametrize(
+    ("kind", "unit", "length_ns"),
+    [
+        ("float", "milliseconds", 10**6),
+        ("float", "microseconds", 10**3),
+        ("int", "nanoseconds", 1),
+        ("int", "milliseconds", 10**6),
+    ],
+)
+def test_columns_with_stamps_since_1970_name_their_unit(
+    tmp_path: Path, calibration: Path, kind: str, unit: str, length_ns: int
+) -> None:
+    """Floats must be seconds, whole numbers microseconds."""
+    block = event_block(20_000, 1)
+    t = block.t_ns / length_ns if kind == "float" else block.t_ns // length_ns
+    for side in ("left", "right"):
+        changes = {"events/t": t, "t_offset": None, "ms_to_idx": None}
+        column_file(tmp_path / f"{side}.h5", block, **changes)
+    with pytest.raises(InputError, match=f"{unit} since 1970") as caught:
+        open_recording(tmp_path, calibration)
+    assert f"must be {'seconds' if kind == 'float' else 'microseconds'}" in str(caught.value)
+    assert str(caught.value).startswith(str(tmp_path))
+
+
+def test_whole_nanoseconds_read_as_microseconds_are_named(
+    tmp_path: Path, calibration: Path
+) -> None:
+    block = event_block(20_000, 1)
+    changes = {"events/t": block.t_ns - START_NS, "t_offset": None, "ms_to_idx": None}
+    for side in ("left", "right"):
+        column_file(tmp_path / f"{side}.h5", block, **changes)
+    with pytest.raises(InputError, match="are the times nanoseconds\\? they must be microseconds"):
+        open_recording(tmp_path, calibration)
 
 
 def test_few_events_per_second_in_seconds_are_no_other_unit() -> None:

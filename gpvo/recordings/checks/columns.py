@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.errors import InputError
+from gpvo.recordings.checks.time_unit import check_since_1970
 
 LATEST_SECONDS = 9e9
 """About the year 2255; later stamps do not fit into int64 nanoseconds."""
@@ -33,6 +34,8 @@ def check_times(
     bad = ~(np.abs(seconds) < LATEST_SECONDS)
     if bad.any():
         row = int(np.argmax(bad))
+        if bad.all():
+            check_since_1970(float(seconds[row]), "seconds", f"{where} row {first_row + row}")
         _fail(where, first_row + row, f"time {seconds[row]} is not a time in seconds")
     backwards = np.diff(seconds, prepend=before) < 0.0
     if backwards.any():

@@ -1,4 +1,7 @@
-"""Check that times are seconds: in another unit events seem to come implausibly seldom."""
+"""Check that times have the unit in which they are read: in others, events come too seldom or late.
+
+Stamps since 1970 show their unit by themselves.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,35 @@ SAMPLE = 3000
 """Number of events of a camera that are looked at, the first ones."""
 LONGEST = 20_000
 """Number of batches after which no more is read."""
-SLOWEST = 1000
-"""Events per second that every camera that sees or hears noise exceeds at times."""
+SLOWEST, FASTEST = 1000, 1e7
+"""Events per second that every camera that sees or hears noise exceeds at times, and never."""
 WINDOW = 1000
 """Number of events in which it does."""
-UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+SINCE_1970 = (8e8, 4.2e9)
+"""Seconds from 1995 to 2100."""
 ROUNDING = 0.3
 """Microseconds by which float64 stamps since 1970 may be off."""
 PLAUSIBLE = 1e9
 """Events per second that no camera exceeds."""
+
+
+def unit_since_1970(time: float) -> str | None:
+    """Return the unit in which a time is a stamp of the years 1995 to 2100; None for none."""
+    for unit, seconds in UNITS.items():
+        if SINCE_1970[0] <= time * seconds <= SINCE_1970[1]:
+            return unit
+    return None
+
+
+def check_since_1970(time: float, read_as: str, where: str) -> None:
+    """Raise InputError if a time that is read in one unit is a stamp since 1970 in a finer one."""
+    unit = unit_since_1970(time)
+    if unit is not None and UNITS[unit] < UNITS[read_as]:
+        raise InputError(
+            f"{where}: time {time:.17g} seems to be {unit} since 1970; times must be {read_as}:"
+            " convert them"
+        )
 
 
 def check_time_unit(recording: Recording) -> None:
@@ -35,23 +58,29 @@ def check_time_unit(recording: Recording) -> None:
     if len(t) <= WINDOW:
         return
     rate = WINDOW / max(float((t[WINDOW:] - t[:-WINDOW]).min()), 1e-9)
-    unit = fitting_unit(t, rate) if rate < SLOWEST else None
+    read_as = recording.time_unit
+    unit = fitting_unit(t, rate, read_as) if rate < SLOWEST else None
+    mean = len(t) / max(float(t[-1] - t[0]), 1e-9)
+    stamp = unit_since_1970(recording.start_ns * 1e-9 / UNITS[read_as])
+    if mean > FASTEST and stamp is not None and UNITS[stamp] > UNITS[read_as]:
+        unit = f"{stamp} since 1970"
     if unit is not None:
         raise InputError(
-            f"{recording.path}: the cameras send at most {rate:.3g} events per second: are the"
-            f" times {unit}? they must be seconds; convert them"
+            f"{recording.path}: the cameras send {rate:.3g} events per second at most: are the"
+            f" times {unit}? they must be {read_as}; convert them"
         )
 
 
-def fitting_unit(t: NDArray[np.float64], rate: float) -> str | None:
+def fitting_unit(t: NDArray[np.float64], rate: float, read_as: str = "seconds") -> str | None:
     """Return the unit in which stamps (N,) have the resolution of cameras, a microsecond or more.
 
-    `rate` is that of the events if they were seconds. None if seconds fit.
+    `t` is in seconds, and `rate` that of the events, if the unit `read_as` is right. None if it is.
     """
-    for unit, seconds in reversed(UNITS.items()):
-        ticks = t * (seconds / 1e-6)
+    for unit, length in reversed(UNITS.items()):
+        ratio = length / UNITS[read_as]
+        ticks = t * (ratio / 1e-6)
         whole = np.abs(ticks - np.rint(ticks)) < ROUNDING
-        if whole.mean() > 0.99 and SLOWEST <= rate / seconds < PLAUSIBLE:
+        if ratio < 1 and whole.mean() > 0.99 and SLOWEST <= rate / ratio < PLAUSIBLE:
             return unit
     return None
 

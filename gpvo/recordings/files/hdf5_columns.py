@@ -11,9 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.errors import InputError
+from gpvo.recordings.checks.time_unit import check_since_1970
 from gpvo.recordings.files.hdf5_rows import Rows, RowStream
-from gpvo.recordings.hdf5 import H5Error, holds, read_rows
+from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5, read_rows
 from gpvo.recordings.streams import EventBlock, nanoseconds
+
+FIRST_ROWS = 1000
+"""Rows of which the times are looked at, as single ones may be damaged."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +53,19 @@ class ColumnStream(RowStream):
     Raises
     ------
     InputError
-        If a column is missing, differs in length from the others, or does not hold numbers.
+        If a column is missing, differs in length from the others, or does not hold numbers, or
+        if times have another unit.
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
         self._layout = layout
         super().__init__(path, f"{path}: {layout.x.rpartition('/')[0]}")
+        with open_hdf5(path) as file:
+            t = file[layout.t]
+            self.time_unit = "seconds" if t.dtype.kind == "f" else "microseconds"
+            if len(t):
+                first = float(np.median(read_rows(t, 0, min(len(t), FIRST_ROWS))))
+                check_since_1970(first, self.time_unit, f"{path}: {layout.t}")
 
     def _rows_of(self, file: h5py.File) -> Rows:
         return _Columns.of(file, self._layout, self.where)

@@ -9,7 +9,13 @@ import numpy as np
 
 from gpvo.errors import InputError
 from gpvo.recordings.calibration.unknown import LARGEST
-from gpvo.recordings.files.text_layout import MARKS, SAMPLE_BYTES, TextLayout, text_layout
+from gpvo.recordings.files.text_layout import (
+    MARKS,
+    SAMPLE_BYTES,
+    UNITS,
+    TextLayout,
+    text_layout,
+)
 from gpvo.recordings.files.text_numbers import LARGEST_PIXEL, Array
 from gpvo.recordings.streams import EventBlock, EventStream, Faults, nanoseconds
 
@@ -46,7 +52,7 @@ class TextStream(EventStream):
             raise InputError(f"{path}: holds no lines of t, x, y and polarity")
         self.path, self.layout, self._camera = path, layout, camera
         self.where = str(path) if camera is None else f"{path}: camera {camera}"
-        self.resolution = layout.resolution
+        self.resolution, self.time_unit = layout.resolution, UNITS[layout.unit]
         self.notes = [f"{path}: {layout.note}"] if layout.note else []
 
     def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:

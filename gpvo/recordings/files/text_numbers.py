@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gpvo.recordings.checks.time_unit import SINCE_1970
+
 Array = NDArray[np.float64]
 
 NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """Nanoseconds in each unit."""
-SINCE_1970 = (8e8, 4.2e9)
-"""Seconds from 1995 to 2100."""
 USUAL = 3e5
 """Events per second of usual cameras."""
 FINEST = 500.0
