@@ -10,7 +10,14 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import checked_duration, checked_key, checked_noise, checked_vector
+from factors.checks import (
+    Pose,
+    checked_duration,
+    checked_key,
+    checked_noise,
+    checked_pose,
+    checked_vector,
+)
 from factors.factor import Factor
 from factors.kernels.se3 import (
     RIGHT,
@@ -20,7 +27,7 @@ from factors.kernels.se3 import (
     kernel,
     se3_polynomial_kernel,
 )
-from factors.lie import skew
+from factors.lie import se3_adjoint, se3_inverse, skew
 from factors.stereo import (
     Camera,
     StereoCamera,
@@ -50,6 +57,9 @@ class EuclideanVelocityFactor(Factor):
         (3,) the point in the earlier camera frame, metres.
     dt
         Seconds from the earlier to the later time, positive.
+    T_body_cam
+        (4, 4) pose of the camera in the body that has the twist, or gtsam.Pose3; by default they
+        are the same.
 
     Raises
     ------
@@ -68,12 +78,14 @@ class EuclideanVelocityFactor(Factor):
         velocity: int,
         point: ArrayLike,
         dt: float,
+        T_body_cam: Pose | None = None,
     ) -> None:
         checked_noise(model, 3)
         velocity = checked_key("velocity", velocity)
         start, dt = checked_vector("point", point, 3), checked_duration(dt)
         end = checked_vector("measured", measured, 3)
-        offset, by_velocity = start - end, dt * np.hstack([skew(start), -np.eye(3)])
+        mounted, by_body = _mounted(T_body_cam)
+        offset, by_velocity = start - end, dt * np.hstack([skew(start), -np.eye(3)]) @ by_body
 
         def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
             difference: Array = offset + by_velocity @ values.atVector6(velocity)
@@ -88,25 +100,37 @@ class EuclideanVelocityFactor(Factor):
             "point": start,
         }
         variables = [Variable("velocity", velocity, TWIST)]
-        super().__init__(model, variables, error, {**made_of, "dt": dt})
+        super().__init__(model, variables, error, {**made_of, "dt": dt, "T_body_cam": mounted})
+
+
+def _mounted(T_body_cam: Pose | None) -> tuple[Array | None, Array]:
+    """Check the pose of a camera; also the Jacobian (6, 6) of its twist by that of the body."""
+    if T_body_cam is None:
+        return None, np.eye(6)
+    T = checked_pose("T_body_cam", T_body_cam)
+    return T, se3_adjoint(se3_inverse(T))
 
 
 @kernel
 def _reprojection_kernel(
-    velocity: Array, point: Array, dt: float, measured: Array, camera: Array
+    velocity: Array, by_body: Array, point: Array, dt: float, measured: Array, camera: Array
 ) -> Array:
-    """Compute the Jacobian of the error with respect to velocity, then the error, (3, 7)."""
-    xi = np.empty(6)
+    """Compute the Jacobian of the error by the body's velocity, then the error, (3, 7)."""
+    xi = np.zeros(6)
     for i in range(6):
-        xi[i] = dt * velocity[i]
+        for j in range(6):
+            xi[i] += dt * by_body[i, j] * velocity[j]
     right = se3_polynomial_kernel(xi, jacobian_coefficients_kernel(xi, RIGHT))
     stereo = reprojection_kernel(exp_kernel(xi), point, measured, camera)
     result = np.zeros((3, 7))
     for i in range(3):
         result[i, 6] = stereo[i, 9]
         for j in range(6):
+            by_velocity = 0.0
             for k in range(6):
-                result[i, j] += dt * stereo[i, k] * right[k, j]
+                by_velocity += dt * stereo[i, k] * right[k, j]
+            for k in range(6):
+                result[i, k] += by_velocity * by_body[j, k]
     return result
 
 
@@ -127,7 +151,10 @@ class ReprojectionVelocityFactor(Factor):
     dt
         Seconds from the earlier to the later time, positive.
     camera
-        Intrinsics of the rectified pair.
+        Intrinsics of the rectified pair; or gtsam.Cal3_S2Stereo.
+    T_body_cam
+        (4, 4) pose of the left camera in the body that has the twist, or gtsam.Pose3; by default
+        they are the same.
 
     Raises
     ------
@@ -149,6 +176,7 @@ class ReprojectionVelocityFactor(Factor):
         point: ArrayLike,
         dt: float,
         camera: Camera,
+        T_body_cam: Pose | None = None,
     ) -> None:
         measurement, noise = stereo_measurement(measured, model)
         velocity = checked_key("velocity", velocity)
@@ -156,11 +184,11 @@ class ReprojectionVelocityFactor(Factor):
         if start[2] <= 0:
             raise ValueError(f"point must be in front of the camera, not {start}")
         camera = as_camera(camera)
-        parameters = camera.parameters
+        parameters, (mounted, by_body) = camera.parameters, _mounted(T_body_cam)
 
         def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
             v = values.atVector6(velocity)
-            result = _reprojection_kernel(v, start, dt, measurement, parameters)
+            result = _reprojection_kernel(v, by_body, start, dt, measurement, parameters)
             if jacobians is not None:
                 jacobians[0] = result[:, :6]
             return result[:, 6]
@@ -171,5 +199,5 @@ class ReprojectionVelocityFactor(Factor):
             "velocity": velocity,
         }
         variables = [Variable("velocity", velocity, TWIST)]
-        arguments = {**made_of, "point": start, "dt": dt, "camera": camera}
+        arguments = {**made_of, "point": start, "dt": dt, "camera": camera, "T_body_cam": mounted}
         super().__init__(noise, variables, error, arguments)

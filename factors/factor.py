@@ -51,7 +51,8 @@ class Described:
 
     def __repr__(self, s: str = "", keyFormatter: KeyFormatter = gtsam.DefaultKeyFormatter) -> str:
         keys = ", ".join(keyFormatter(key) for key in self.keys())
-        return f"{s}{type(self).__name__}({keys}; {self._shown()})"
+        noise = _noise_text(self.noiseModel())
+        return f"{s}{type(self).__name__}({keys}; {self._shown()}, noise={noise})"
 
     def _shown(self) -> str:
         return ", ".join(f"{name}={_text(a)}" for name, a in self._made_of.items() if _is_shown(a))
@@ -212,6 +213,14 @@ def _text(value: object) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(_text, value))}]"
     return " ".join(repr(value).split())
+
+
+def _noise_text(model: Any) -> str:
+    """Return kind and sigmas of a noise model, in a line."""
+    if isinstance(model, gtsam.noiseModel.Robust):
+        return f"{type(model.robust()).__name__} of {_noise_text(model.noise())}"
+    name = type(model).__name__
+    return name if name == "Unit" else f"{name}{_text(model.sigmas())}"
 
 
 def _same(a: Any, b: Any, tol: float) -> bool:

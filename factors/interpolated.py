@@ -52,9 +52,9 @@ class InterpolatedFactor(Factor):
     t
         Seconds, t_i <= t <= t_j and t_i < t_j.
     pose, velocity
-        The keys of the inner factor that stand for the pose and for the body twist at t. Its first
-        key is the pose by default, unless it is the twist; none is the twist by default. Its other
-        keys stay what they are.
+        The keys of the inner factor that stand for the pose and for the body twist at t. By default
+        the pose is its first key that is not of a state, unless it is the twist; none is the twist.
+        Its other keys stay what they are.
     qc
         Power spectral density of the motion prior, (6,) or (6, 6). If it is given, the noise also
         has the covariance of the state at t, given both states. Without, the state at t is their
@@ -68,7 +68,8 @@ class InterpolatedFactor(Factor):
 
     Notes
     -----
-    The Jacobian is exact by the chain rule, if that of the inner factor is. With qc, how the
+    The Jacobian is exact by the chain rule, if that of the inner factor is: that of GTSAM's
+    BearingFactor is at a small error only. With qc, how the
     covariance at t changes with the states is neglected, as GTSAM does.
     """
 
@@ -91,8 +92,10 @@ class InterpolatedFactor(Factor):
             None if key is None else checked_key(role, key)
             for role, key in (("pose", pose), ("velocity", velocity))
         )
-        if pose is None and held.keys[0] != velocity:
-            pose = held.keys[0]
+        if pose is None:
+            of_states = {key for state in states for key in state[:2]}
+            first = next((key for key in held.keys if key not in of_states), held.keys[0])
+            pose = None if first == velocity else first
         if pose is not None and pose == velocity:
             raise ValueError("pose and velocity must be different keys of the inner factor")
         for role, key in (("pose", pose), ("velocity", velocity)):

@@ -65,7 +65,8 @@ class StereoCamera:
         K = calibration.K()
         if K[0, 1] != 0:
             raise ValueError(f"calibration must have no skew, not {K[0, 1]}: rectify the images")
-        return cls(K[0, 0], K[1, 1], K[0, 2], K[1, 2], calibration.baseline())
+        (fx, _, cx), (_, fy, cy), _ = K.tolist()
+        return cls(fx, fy, cx, cy, calibration.baseline())
 
     def to_gtsam(self) -> gtsam.Cal3_S2Stereo:
         """Return GTSAM's calibration of the same camera."""
@@ -214,8 +215,9 @@ def _mixed_noise(model: gtsam.noiseModel.Base, to_gtsam: bool) -> gtsam.noiseMod
 class StereoReprojectionFactor(Described, gtsam.GenericStereoFactor3D):
     """Stereo measurement of a landmark, equation (meas_err) with error = prediction - measurement.
 
-    It is GTSAM's own factor of the same measurement, and just as fast. GTSAM measures (u_left,
-    u_right, v): the noise model is converted, and `unwhitenedError` is in that order.
+    It is GTSAM's own factor of the same measurement, and just as fast; graph.at(i) is a plain
+    GenericStereoFactor3D once nobody holds this object. GTSAM measures (u_left, u_right, v): the
+    noise model is converted, and `unwhitenedError` is in that order.
 
     Parameters
     ----------

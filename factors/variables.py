@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import gtsam
@@ -86,16 +87,13 @@ def fault_of(variables: Sequence[Variable], values: gtsam.Values) -> str | None:
 
 def _stored(values: gtsam.Values, key: int) -> str:
     """Name what is stored at a key."""
-    for kind in (POSE3, POSE2, ROT3, TWIST, POINT3, BIAS):
-        try:
-            kind.read(values, key)
-        except RuntimeError:
-            continue
-        return kind.name
-    try:
+    with suppress(RuntimeError):
         return f"a vector of {len(values.atVector(key))}"
-    except RuntimeError:
-        return "of another type"
+    for kind in (POSE3, POSE2, ROT3, TWIST, POINT3, BIAS):
+        with suppress(RuntimeError):
+            kind.read(values, key)
+            return kind.name
+    return "of another type"
 
 
 def as_state(name: str, state: State) -> tuple[int, int, float]:

@@ -23,8 +23,9 @@ def fast_mc_ransac(
     Raises
     ------
     ValueError
-        If there are fewer segments than a sample has.
+        If there are fewer segments than a sample has, or `rng` is neither of them.
     """
+    generator = _generator(rng)
     if len(segments) < config.sample_size:
         raise ValueError(f"segments must be {config.sample_size} or more, not {len(segments)}")
     points = camera.triangulate(segments.earlier)
@@ -35,12 +36,18 @@ def fast_mc_ransac(
         segments.dt,
         segments.later,
         inlier_tolerance(segments, config),
-        random_samples(
-            len(segments), config.sample_size, config.iterations, np.random.default_rng(rng)
-        ),
+        random_samples(len(segments), config.sample_size, config.iterations, generator),
         camera.parameters,
         config.confidence,
     )
+
+
+def _generator(rng: np.random.Generator | int) -> np.random.Generator:
+    if isinstance(rng, np.random.Generator):
+        return rng
+    if not isinstance(rng, int | np.integer) or rng < 0:
+        raise ValueError(f"rng must be a seed, an integer from 0, or a Generator, not {rng!r}")
+    return np.random.default_rng(rng)
 
 
 def random_samples(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from factors.stereo import StereoCamera
+from factors.stereo import Camera, as_camera
 from gpvo.config import McRansacConfig
 from gpvo.mc_ransac.fast import fast_mc_ransac
 from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 def mc_ransac(
     segments: Segments,
-    camera: StereoCamera,
+    camera: Camera,
     information: ArrayLike,
     config: McRansacConfig,
     rng: np.random.Generator | int,
@@ -36,9 +36,10 @@ def mc_ransac(
     Raises
     ------
     ValueError
-        If the information is not symmetric and positive definite.
+        If the information is not symmetric and positive definite, or `rng` is neither a seed, an
+        integer from 0, nor a generator.
     """
-    information = information_matrix(information)
+    information, camera = information_matrix(information), as_camera(camera)
     if len(segments) < config.sample_size:
         return None
     velocity = fast_mc_ransac(segments, camera, config, rng)

@@ -28,7 +28,7 @@ from factors import (
     WnoaPriorFactor,
     wnoa_square_root_information,
 )
-from factors.lie import se3_exp, se3_inverse
+from factors.lie import se3_adjoint, se3_exp, se3_inverse
 from factors.wnoa import wnoa_error
 
 examples = settings(deadline=None, max_examples=15)
@@ -164,6 +164,23 @@ def test_constant_velocity(seed: int) -> None:
     fast = EuclideanVelocityFactor(point + 0.1, NOISE, V(0), point, dt)
     assert_derivatives_match(exact, values)
     assert_derivatives_match(fast, values)
+
+
+@given(seeds)
+@examples
+def test_constant_velocity_of_the_body_that_carries_the_camera(seed: int) -> None:
+    values, of_camera = random_states(seed, 0.1), gtsam.Values()
+    of_camera.insert(V(0), se3_adjoint(se3_inverse(MOUNTED)) @ values.atVector(V(0)))
+    point, unit = np.array([0.4, -0.3, 4.0]), gtsam.noiseModel.Unit.Create(3)
+    for make in (
+        lambda *mounted: ReprojectionVelocityFactor(
+            measurement, unit, V(0), point, 0.03, CAMERA, *mounted
+        ),
+        lambda *mounted: EuclideanVelocityFactor(point + 0.1, unit, V(0), point, 0.03, *mounted),
+    ):
+        factor, expected = make(MOUNTED), make().unwhitenedError(of_camera)
+        np.testing.assert_allclose(factor.unwhitenedError(values), expected, rtol=0, atol=1e-11)
+        assert_derivatives_match(factor, values)
 
 
 @given(seeds)

@@ -339,3 +339,12 @@ def test_constrained_noise_of_a_native_factor_is_kept() -> None:
     linear = factor.linearize(values)
     assert isinstance(factor.noiseModel(), gtsam.noiseModel.Constrained)
     np.testing.assert_allclose(linear.jacobian()[1], -factor.unwhitenedError(values), rtol=1e-12)
+
+
+def test_the_pose_at_t_is_by_default_the_first_key_that_no_state_has() -> None:
+    values, T = random_states(0, DT), gtsam.Pose3(se3_exp(np.full(6, 0.1)))
+    later = gtsam.BetweenFactorPose3(X(0), P, T, noise(6))
+    found = InterpolatedFactor(later, *STATES, 0.07)
+    expected = InterpolatedFactor(later, *STATES, 0.07, pose=P)
+    assert found.equals(expected)
+    assert_derivatives_match(found, values)

@@ -210,6 +210,17 @@ def test_print_names_type_keys_arguments_and_noise(
     for argument in ("dt", "qc", "measured", "camera"):
         assert (f"{argument}=" in printed) == (factor._made_of.get(argument) is not None)
     assert repr(factor).startswith(type(factor).__name__)
+    assert "noise=" in repr(factor)
+    assert "np.float64" not in repr(factor)
+
+
+def test_robust_noise_is_named_in_one_line() -> None:
+    noise = gtsam.noiseModel.Robust.Create(
+        gtsam.noiseModel.mEstimator.Huber(1.3), gtsam.noiseModel.Isotropic.Sigma(3, 0.5)
+    )
+    assert repr(PointToPointFactor([1, 2, 3], [1, 2, 3], noise, X(0))).endswith(
+        "noise=Huber of Isotropic[0.5 0.5 0.5])"
+    )
 
 
 @each_factor

@@ -323,7 +323,7 @@ def test_a_seed_a_diagonal_and_lists_are_as_good_as_arrays() -> None:
     lists = Segments(segments.earlier.tolist(), segments.later.tolist(), segments.dt.tolist())
     diagonal = np.diag(INFORMATION).tolist()
     expected = mc_ransac(segments, CAMERA, INFORMATION, CONFIG, np.random.default_rng(7))
-    found = mc_ransac(lists, CAMERA, diagonal, CONFIG, 7)
+    found = mc_ransac(lists, CAMERA.to_gtsam(), diagonal, CONFIG, 7)
     assert expected is not None and found is not None
     np.testing.assert_array_equal(found.velocity, expected.velocity)
     np.testing.assert_array_equal(found.covariance, expected.covariance)
@@ -353,6 +353,9 @@ def test_bad_input_is_refused_by_name() -> None:
         ("information", lambda: mc_ransac(good, CAMERA, [1, 1, -1], CONFIG, 0)),
         ("information", lambda: mc_ransac(good, CAMERA, np.eye(6), CONFIG, 0)),
         ("segments", lambda: fast_mc_ransac(good[:2], CAMERA, CONFIG, 0)),
+        ("rng", lambda: mc_ransac(good, CAMERA, INFORMATION, CONFIG, -1)),
+        ("rng", lambda: mc_ransac(good, CAMERA, INFORMATION, CONFIG, 1.5)),  # type: ignore[arg-type]
+        ("rng", lambda: mc_ransac(good, CAMERA, INFORMATION, CONFIG, None)),  # type: ignore[arg-type]
         (
             "inliers",
             lambda: iterative_mc_ransac(
