@@ -6,6 +6,7 @@ Geiger, Ziegler and Stiller, "StereoScan: Dense 3d reconstruction in real-time",
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil
 
 import cv2
 import numpy as np
@@ -14,18 +15,7 @@ from numpy.typing import NDArray
 
 from gpvo.array_table import ArrayTable
 from gpvo.config import FeatureConfig
-
-BLOB_MASK = np.array(
-    [
-        [-1, -1, -1, -1, -1],
-        [-1, 1, 1, 1, -1],
-        [-1, 1, 8, 1, -1],
-        [-1, 1, 1, 1, -1],
-        [-1, -1, -1, -1, -1],
-    ],
-    np.float32,
-)
-CORNER_MASK = np.outer([1, 1, 0, -1, -1], [1, 1, 0, -1, -1]).astype(np.float32)
+from gpvo.tracking.responses import LARGEST_BLOB, LARGEST_CORNER, blob_and_corner
 
 SOBEL_SMOOTHING = np.array([1, 4, 6, 4, 1], np.float32)
 SOBEL_DERIVATIVE = np.array([1, 2, 0, -2, -1], np.float32)
@@ -78,13 +68,11 @@ def extrema(
     The strength is the response of a filter, relative to its largest possible response.
     """
     found = []
-    wide = image.astype(np.float32)
-    for first_kind, mask in ((0, BLOB_MASK), (2, CORNER_MASK)):
-        response = cv2.filter2D(wide, cv2.CV_32F, mask)
-        largest = 255 * np.maximum(mask, 0).sum()
+    blob, corner = blob_and_corner(image)
+    for first_kind, response, largest in ((0, blob, LARGEST_BLOB), (2, corner, LARGEST_CORNER)):
         for kind, signed in ((first_kind, -response), (first_kind + 1, response)):
-            maxima = block_maxima(signed, nms_radius, threshold, MARGIN)
-            strength = signed[maxima[:, 1], maxima[:, 0]] / largest
+            maxima = block_maxima(signed, nms_radius, ceil(threshold), MARGIN)
+            strength = signed[maxima[:, 1], maxima[:, 0]].astype(np.float32) / np.float32(largest)
             found.append((maxima, np.full(len(maxima), kind, np.int32), strength))
     points, kinds, strengths = zip(*found, strict=True)
     return np.concatenate(points), np.concatenate(kinds), np.concatenate(strengths)
@@ -133,7 +121,7 @@ def _greedy_spacing(
 
 
 def block_maxima(
-    response: NDArray[np.float32], radius: int, threshold: float, margin: int
+    response: NDArray[np.int16], radius: int, threshold: float, margin: int
 ) -> NDArray[np.int32]:
     """Find local maxima (N, 2) by block non-maximum suppression (Neubeck and Van Gool, ICPR 2006).
 
@@ -145,30 +133,29 @@ def block_maxima(
         return np.empty((0, 2), np.int32)
     inner = response[margin : height - margin, margin : width - margin]
     around = cv2.dilate(inner, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
-    return _block_maxima(inner, around, radius, threshold) + np.int32(margin)
+    peaks = np.flatnonzero((inner == around) & (inner >= threshold))
+    return _first_of_blocks(peaks, inner.shape, radius) + np.int32(margin)
 
 
 @njit(cache=True, nogil=True)
-def _block_maxima(
-    response: NDArray[np.float32], around: NDArray[np.float32], radius: int, threshold: float
+def _first_of_blocks(
+    peaks: NDArray[np.int64], shape: tuple[int, int], radius: int
 ) -> NDArray[np.int32]:
-    """Find the first pixel (N, 2) of each block that equals the maximum around it."""
+    """Return the first pixel (N, 2) of each block among the peaks, places in rows joined to one."""
+    height, width = shape
     side = radius + 1
-    rows = -(-(response.shape[0] - 2 * radius) // side)
-    columns = -(-(response.shape[1] - 2 * radius) // side)
+    rows, columns = -(-(height - 2 * radius) // side), -(-(width - 2 * radius) // side)
     full = np.zeros((rows, columns), np.bool_)
-    found = np.empty((full.size, 2), np.int32)
-    count, least = 0, np.float32(threshold)
-    for v in range(radius, radius + rows * side):
-        for u in range(radius, radius + columns * side):
-            # One condition for both: two would be mispredicted at every other pixel.
-            if response[v, u] < max(least, around[v, u]):
-                continue
-            block = (v - radius) // side, (u - radius) // side
-            if not full[block]:
-                full[block] = True
-                found[count] = u, v
-                count += 1
+    found = np.empty((min(len(peaks), full.size), 2), np.int32)
+    count = 0
+    for peak in peaks:
+        v, u = peak // width - radius, peak % width - radius
+        block = v // side, u // side
+        inside = 0 <= v < rows * side and 0 <= u < columns * side
+        if inside and not full[block]:
+            full[block] = True
+            found[count] = u + radius, v + radius
+            count += 1
     return found[:count].copy()
 
 

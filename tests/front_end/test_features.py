@@ -12,8 +12,6 @@ from scipy import ndimage
 
 from gpvo.config import FeatureConfig
 from gpvo.tracking.features import (
-    BLOB_MASK,
-    CORNER_MASK,
     DESCRIPTOR_OFFSETS,
     MARGIN,
     block_maxima,
@@ -24,6 +22,7 @@ from gpvo.tracking.features import (
     half_resolution,
     strongest_spaced,
 )
+from gpvo.tracking.responses import BLOB_MASK, CORNER_MASK, blob_and_corner
 
 seeds = st.integers(0, 2**32)
 
@@ -48,6 +47,15 @@ def images() -> list[NDArray[np.uint8]]:
 def test_masks_ignore_a_constant_image() -> None:
     assert BLOB_MASK.sum() == CORNER_MASK.sum() == 0
     assert len(detect(np.full((50, 50), 200, np.uint8), FeatureConfig())) == 0
+
+
+@pytest.mark.parametrize("image", images())
+def test_responses_are_those_of_the_masks_but_at_the_border(image: NDArray[np.uint8]) -> None:
+    expected = responses(image)
+    for found, kind in zip(blob_and_corner(image), (1, 3), strict=True):
+        inner = found[2:-2, 2:-2]
+        np.testing.assert_array_equal(inner, expected[kind][2:-2, 2:-2])
+        assert np.abs(found.astype(np.int64)).sum() == np.abs(inner.astype(np.int64)).sum() > 0
 
 
 @pytest.mark.parametrize("image", images())
