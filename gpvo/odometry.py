@@ -157,6 +157,11 @@ class Odometry:
         """Faults that were found so far."""
         return self._watch.faults
 
+    @property
+    def stream_numbers(self) -> dict[str, Any]:
+        """What was measured of the events so far: rates, silences, offset of the clocks."""
+        return self._watch.numbers
+
     def verdict(self) -> Verdict:
         """Judge the run so far, after at least one cluster."""
         return verdict(self.reports, self.faults, self.trajectory())

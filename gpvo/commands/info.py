@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -47,13 +49,26 @@ def info(
     right_topic: RightTopic = None,
 ) -> None:
     """Print what a recording holds: sensor, events, calibration, ground truth, faults."""
-    opened, calibrated = open_for_info(recording, calibration, left_topic, right_topic)
-    with reading_progress(console, opened.duration) as advance:
-        summary = summarise(opened, calibrated, advance)
+    with _unsaid("gpvo.recordings"):
+        opened, calibrated = open_for_info(recording, calibration, left_topic, right_topic)
+        with reading_progress(console, opened.duration) as advance:
+            summary = summarise(opened, calibrated, advance)
     for table in summary.tables():
         console.print(table)
     for warning in summary.warnings:
         console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
+
+
+@contextmanager
+def _unsaid(name: str) -> Iterator[None]:
+    """Keep a logger's warnings back, which the summary has with their numbers."""
+    logger = logging.getLogger(name)
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 @dataclass

@@ -87,7 +87,9 @@ def live(
     if trajectory is None:
         lost = lost_stage(odometry.reports) if odometry.reports else "no events came"
         raise InputError(f"{source}: no landmark could be tracked: {lost}")
-    judged = write_results(folder, odometry.odometry, trajectory, None, meter, seen, console)
+    judged = write_results(
+        folder, odometry.odometry, trajectory, None, meter, seen, console, read=session.faults
+    )
     _say(session)
     if interruption.happened:
         raise typer.Exit(interruption.status)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,10 @@ STEP = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """Result of a finished run, with its errors if there is a ground truth."""
+    """Result of a finished run, with its errors if there is a ground truth.
+
+    `streams` holds what was measured of the events.
+    """
 
     trajectory: Trajectory
     reports: list[ClusterReport]
@@ -56,6 +59,7 @@ class Result:
     verdict: Verdict
     evaluation: Evaluation | None = None
     ground_truth: StampedPoses | None = None
+    streams: Mapping[str, Any] = field(default_factory=dict)
 
     def write(self, folder: Path | str, plots: str = "png", found: str = "") -> None:
         """Write what was found about a trajectory, which is saved before.
@@ -91,7 +95,8 @@ class Result:
         run |= self.verdict.to_dict()
         errors = None if self.evaluation is None else self.evaluation.to_dict()
         diagnostics = [diagnostic.to_dict() for diagnostic in self.diagnostics]
-        return {"run": run, "errors": errors, "diagnostics": diagnostics}
+        streams = dict(self.streams)
+        return {"run": run, "errors": errors, "streams": streams, "diagnostics": diagnostics}
 
     def _left_out(self) -> dict[str, Any]:
         """Return the numbers of noise, flashes and rest by name."""

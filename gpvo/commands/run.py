@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -202,7 +202,10 @@ def run_and_write(
             odometry = Odometry(recording.rig, configuration, meter.stage, observer=looks)
             span = start, duration
             trajectory = _estimate(odometry, recording, folder, span, show, interruption)
-        judged = write_results(folder, odometry, trajectory, truth, meter, seen, console, plots)
+        read = recording.faults.to_dict()
+        judged = write_results(
+            folder, odometry, trajectory, truth, meter, seen, console, plots, read
+        )
     if interruption.happened:
         raise typer.Exit(interruption.status)
     return judged
@@ -249,8 +252,12 @@ def write_results(
     seen: Seen,
     console: Console,
     plots: str = "png",
+    read: Mapping[str, Any] | None = None,
 ) -> Verdict:
-    """Write a result folder, and print what was found; return the verdict."""
+    """Write a result folder, and print what was found; return the verdict.
+
+    `read` holds the numbers of faulty events that the reader met.
+    """
     reports = odometry.reports
     save_trajectory(trajectory, folder)
     events = sum(report.events for report in reports)
@@ -258,8 +265,9 @@ def write_results(
     evaluation = evaluate_trajectory(trajectory, truth) if truth else None
     diagnostics = odometry.estimator.diagnostics
     judged = verdict(reports, odometry.faults, trajectory)
-    configuration = odometry.configuration
-    result = Result(trajectory, reports, diagnostics, configuration, judged, evaluation, truth)
+    configuration, streams = odometry.configuration, {**odometry.stream_numbers, "read": read or {}}
+    found = judged, evaluation, truth, streams
+    result = Result(trajectory, reports, diagnostics, configuration, *found)
     result.write(folder, plots, seen.noise.text)
     landmarks = seen.write(folder, odometry, trajectory, evaluation, plots)
     write_cost(folder, cost)

@@ -17,11 +17,17 @@ SAME = 0.003
 
 
 class ClockWatch:
-    """Compares the course of the cameras' event rates; see `clock_offset`."""
+    """Compares the course of the cameras' event rates; see `clock_offset`.
+
+    Attributes
+    ----------
+    latest
+        Seconds by which the right camera's stamps are late, as found last; None for no clear one.
+    """
 
     def __init__(self) -> None:
+        self.latest: float | None = None
         self._next = 0
-        self._latest: float | None = None
         self._said: float | None = None
 
     def see(self, rates: EventRates) -> Iterator[Fault]:
@@ -29,8 +35,8 @@ class ClockWatch:
         if rates.stop < self._next or rates.counts.shape[1] < SHORTEST:
             return
         self._next = rates.stop + PERIOD
-        before, self._latest = self._latest, clock_offset(*rates.counts[:, :-1])
-        found = self._latest
+        before, self.latest = self.latest, clock_offset(*rates.counts[:, :-1])
+        found = self.latest
         if found is None or before is None or abs(found - before) > SAME:
             return
         t = (rates.stop - rates.counts.shape[1]) / 1000
@@ -47,6 +53,7 @@ def _apart(seconds: float, t: float) -> Fault:
         t,
         f"the right camera's stamps are {seconds:+.3f} s late: its event rate follows the left"
         " one's by that time; synchronise the clocks, or correct it by --right-offset auto",
+        numbers={"offset_s": seconds},
     )
 
 
@@ -56,4 +63,5 @@ def _drift(before: float, now: float, t: float) -> Fault:
         t,
         f"the cameras' clocks drift: the right one's stamps were {before:+.3f} s late and are"
         f" {now:+.3f} s now; synchronise them by hardware",
+        numbers={"offset_before_s": before, "offset_s": now},
     )

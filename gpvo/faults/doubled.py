@@ -42,6 +42,7 @@ class DoubledEvents:
                     f"{share:.0%} of the {side} camera's events come twice: is its topic recorded"
                     " or played twice?",
                     harms=False,
+                    numbers={"share": share},
                 )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 
@@ -20,12 +21,15 @@ class Fault:
         What was seen, and what to do.
     harms
         Whether the estimate is worse for it.
+    numbers
+        What was measured, by name with unit.
     """
 
     kind: str
     t: float
     text: str
     harms: bool = True
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def line(self) -> str:

@@ -20,6 +20,7 @@ def leaves_out(report: ClusterReport) -> Iterator[Fault]:
             f"a burst of events at all pixels, of {1000 * report.flash:.0f} ms, is left out: does"
             " a lamp flash or flicker, does the camera's supply fail?",
             harms=False,
+            numbers={"duration_s": report.flash},
         )
     hot = report.left_out[1]
     if hot > MUCH * (report.events + sum(report.left_out)) and hot > 100:
@@ -29,4 +30,5 @@ def leaves_out(report: ClusterReport) -> Iterator[Fault]:
             report.start,
             f"{share:.0%} of the events are of hot pixels and left out; mask these in the driver",
             harms=False,
+            numbers={"share": share},
         )

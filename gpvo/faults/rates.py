@@ -30,14 +30,19 @@ class EventRates:
         (2, M) of left and right camera, the newest last; the newest millisecond may be incomplete.
     stop
         Where the newest millisecond ends, milliseconds since the recording's start.
+    seconds, events
+        Time seen so far, and the numbers of events (2,) in it.
     """
 
     def __init__(self) -> None:
         self.counts = np.zeros((2, 0), np.int64)
         self.stop = 0
+        self.seconds, self.events = 0.0, np.zeros(2, np.int64)
 
     def add(self, batch: StereoEvents) -> None:
         """Count the next events of the stream."""
+        self.seconds += batch.stop - batch.start
+        self.events += [len(batch.left), len(batch.right)]
         first, stop = int(batch.start * 1000), int(np.ceil(batch.stop * 1000))
         if self.counts.shape[1] == 0 or first - self.stop > REMEMBERED:
             self.counts, self.stop = np.zeros((2, 0), np.int64), first
@@ -75,4 +80,5 @@ def different_rates(reports: Sequence[ClusterReport]) -> Iterator[Fault]:
         stop - PERIOD,
         f"the {side} camera has {few / many:.0%} of the {other} one's events: does it lose packets"
         " (USB, disk, network), are its thresholds, aperture or focus different?",
+        numbers={"left_events_per_s": left / PERIOD, "right_events_per_s": right / PERIOD},
     )

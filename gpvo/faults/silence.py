@@ -16,9 +16,16 @@ ALIVE = 100
 
 
 class Silence:
-    """Finds times without events of one camera, or of both."""
+    """Finds times without events of one camera, or of both.
+
+    Attributes
+    ----------
+    silences
+        (start, stop) in seconds of those so far: of left, right and both.
+    """
 
     def __init__(self) -> None:
+        self.silences: dict[str, list[tuple[float, float]]] = {"left": [], "right": [], "both": []}
         self._latest: dict[str, float] = {}
         self._others = {"left": 0, "right": 0}
         self._start: float | None = None
@@ -34,12 +41,21 @@ class Silence:
             self._others[side] += len(both[other].between(since[side], begin))
             silent = begin - since[side] >= (LONGEST if side in self._latest else LATE)
             if silent and self._others[side] >= ALIVE:
+                self._note(side, since[side], begin)
                 yield _one(side, other, since[side])
             if len(both[side]):
                 self._latest[side], self._others[side] = float(both[side].t[-1]), 0
         first = min(_begin(events, batch.stop) for events in both.values())
         if self._latest and first - max(since.values()) >= LONGEST:
+            self._note("both", max(since.values()), first)
             yield _both(max(since.values()))
+
+    def _note(self, side: str, start: float, stop: float) -> None:
+        """Keep a silence, or how long one lasts that is known."""
+        known = self.silences[side]
+        if known and known[-1][0] == start:
+            known.pop()
+        known.append((start, stop))
 
 
 def _begin(events: Events, stop: float) -> float:

@@ -113,4 +113,5 @@ def _shifted(t: float, rows: int) -> Fault:
         t,
         f"the right picture lies {abs(rows)} rows {where} than the left one: the calibration is"
         " not that of these cameras, or one of them was moved; calibrate again",
+        numbers={"rows": rows},
     )

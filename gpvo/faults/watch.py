@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 from gpvo.cluster_report import ClusterReport
 from gpvo.events import StereoCluster
@@ -35,6 +36,19 @@ class FaultWatch:
         self._doubled, self._views = DoubledEvents(), Views()
         self._reports: list[ClusterReport] = []
         self._is_early = True
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """What was measured of the stream so far: rates, silences, offset of the clocks."""
+        left, right = (self._rates.events / max(self._rates.seconds, 1e-9)).tolist()
+        return {
+            "left_events_per_s": left,
+            "right_events_per_s": right,
+            "silences_s": {
+                side: list(map(list, many)) for side, many in self._silence.silences.items()
+            },
+            "clock_offset_s": self._clocks.latest,
+        }
 
     def see_events(self, batch: StereoEvents) -> None:
         """Look at the next events of the stream, in batches of any length."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gpvo.array_table import ArrayTable
 from gpvo.recordings.calibration.rig import StereoRig
+from gpvo.recordings.reading_faults import ReadingFaults
 
 SIDES = ("left", "right")
 
@@ -83,12 +84,15 @@ class Recording(ABC):
         Cameras in it: left and right, or the only one.
     time_unit
         Unit in which the file's times are read: seconds, milliseconds, microseconds, nanoseconds.
+    faults
+        Kinds of faults in the batches read last, and their numbers.
     """
 
     format_name: str = "recording"
     notes: Sequence[str] = ()
     sides: tuple[str, ...] = SIDES
     time_unit: str = "seconds"
+    faults: ReadingFaults = ReadingFaults({})
     path: Path
     rig: StereoRig
     start_ns: int
@@ -104,7 +108,7 @@ class Recording(ABC):
 
     def fault_lines(self) -> list[str]:
         """Return one line for each kind of fault in the batches read last."""
-        return []
+        return self.faults.lines()
 
     def stamp_ns(self, t: float) -> int:
         """Return the absolute stamp in nanoseconds of a time in seconds since the start."""

@@ -25,7 +25,7 @@ class ShiftedRecording(Recording):
         self.recording, self.late = recording, late
         self.path, self.rig, self.start_ns = recording.path, recording.rig, recording.start_ns
         self.duration, self.format_name = recording.duration, recording.format_name
-        self.notes = recording.notes
+        self.notes, self.faults = recording.notes, recording.faults
 
     def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
         start, stop = max(start, 0.0), min(stop, float(np.nextafter(self.duration, np.inf)))
@@ -36,9 +36,6 @@ class ShiftedRecording(Recording):
         for batch in self.recording.event_batches(start + self.late, stop + self.late):
             earlier = replace(batch.right, t=np.round(batch.right.t - self.late, 9))
             yield earlier.between(start, np.inf)
-
-    def fault_lines(self) -> list[str]:
-        return self.recording.fault_lines()
 
 
 def with_right_offset(recording: Recording, offset: str) -> Recording:

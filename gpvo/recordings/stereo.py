@@ -15,6 +15,7 @@ from gpvo.recordings.checks.clocks import common_clock
 from gpvo.recordings.checks.sensor_size import check_resolution
 from gpvo.recordings.checks.time_order import in_order
 from gpvo.recordings.event_batches import stereo_batches
+from gpvo.recordings.reading_faults import ReadingFaults
 from gpvo.recordings.streams import EventBlock, EventStream, Faults
 
 log = logging.getLogger("gpvo.recordings")
@@ -49,8 +50,6 @@ class StreamRecording(Recording):
 
     Attributes
     ----------
-    faults
-        Per camera, the kinds of faults in the batches read last and their numbers.
     notes
         What a user should know before trusting the recording, found when it was opened.
 
@@ -73,7 +72,7 @@ class StreamRecording(Recording):
         self.streams = dict(zip(SIDES, streams, strict=False))
         self.sides, self.time_unit = tuple(self.streams), streams[0].time_unit
         self.batch_length = batch_length
-        self.faults = {side: Faults() for side in SIDES}
+        self.faults = ReadingFaults({side: one.where for side, one in self.streams.items()})
         for stream, camera in zip(streams, (rig.left, rig.right), strict=False):
             check_resolution(stream.resolution, camera.resolution, f"{stream.where}:")
         unreadable = dict.fromkeys(note for stream in streams for note in stream.notes)
@@ -98,20 +97,11 @@ class StreamRecording(Recording):
     def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
         start = max(start, 0.0)
         stop = min(stop, float(np.nextafter(self.duration, np.inf)))
-        self.faults = {side: Faults() for side in SIDES}
+        self.faults.clear()
         left, right = self._events("left", start), self._events("right", start)
-        yield from stereo_batches(left, right, start, stop, self.batch_length)
-        for line in self.fault_lines():
-            log.warning("%s", line)
-
-    def fault_lines(self) -> list[str]:
-        """Return one line for each kind of fault in the batches read last."""
-        return [
-            f"{self.streams[side].where}: {count} {kind}"
-            for side, faults in self.faults.items()
-            for kind, count in sorted(faults.items())
-            if count
-        ]
+        for batch in stereo_batches(left, right, start, stop, self.batch_length):
+            self.faults.say_new(batch.stop)
+            yield batch
 
     def _events(self, side: str, start: float) -> Iterator[Events]:
         """Yield one camera's checked events from `start` on, in seconds since the start."""

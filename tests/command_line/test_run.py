@@ -186,7 +186,8 @@ def test_estimator_of_your_own_takes_the_place_of_the_configured_one(
 
 def test_diagnostics_are_in_the_metrics(result: Path) -> None:
     metrics = json.loads((result / "metrics.json").read_text())
-    assert set(metrics) == {"run", "errors", "diagnostics"}
+    assert set(metrics) == {"run", "errors", "streams", "diagnostics"}
+    assert metrics["streams"]["left_events_per_s"] > 1000 and metrics["streams"]["read"] == {}
     for found in metrics["diagnostics"]:
         assert set(found) == {"key", "t", "measurement", "reason"}
 

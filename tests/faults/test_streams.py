@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Iterator
 from dataclasses import replace
@@ -140,6 +141,26 @@ def test_doubled_events_are_named() -> None:
     (fault,) = watch.faults
     assert fault.kind == "doubled events" and "100% of the right" in fault.text and not fault.harms
     assert repeated(left[:400]) == 0
+
+
+@pytest.mark.parametrize("length", [0.1, 0.013])
+def test_what_is_said_has_its_numbers(length: float) -> None:
+    """Offset, silences and rates, for programs that read metrics.json."""
+    left, right = without(events(1), 1.0, 1.5), without(events(2, 0.05), 1.05, 1.55)
+    right = without(right, 3.0, 3.4)
+    watch = FaultWatch()
+    for batch in batches(left, right, length):
+        watch.see_events(batch)
+    offset = {fault.kind: fault.numbers for fault in watch.faults}["clocks apart"]["offset_s"]
+    numbers = json.loads(json.dumps(watch.numbers))
+    assert numbers["clock_offset_s"] == pytest.approx(offset, abs=0.002)
+    assert offset == pytest.approx(0.05, abs=0.002)
+    assert numbers["left_events_per_s"] == pytest.approx(len(left) / DURATION, rel=0.01)
+    assert numbers["right_events_per_s"] == pytest.approx(len(right) / DURATION, rel=0.01)
+    silences = numbers["silences_s"]
+    np.testing.assert_allclose(silences["both"], [[1.05, 1.5]], atol=0.01)
+    np.testing.assert_allclose(silences["left"], [[1.0, 1.5]], atol=0.01)
+    np.testing.assert_allclose(silences["right"], [[1.05, 1.55], [3.0, 3.4]], atol=0.01)
 
 
 @pytest.mark.parametrize("length", [0.1, 0.0333, 0.0004])

@@ -16,8 +16,10 @@ from typer.testing import CliRunner
 from gpvo.commands.cli import app
 from gpvo.commands.info import open_for_info, summarise
 from gpvo.errors import InputError
-from gpvo.recordings import open_recording
+from gpvo.recordings import open_recording, read_calibration
 from gpvo.recordings.checks.clock_offset import clock_offset
+from gpvo.recordings.files.hdf5_columns import DSEC, ColumnStream
+from gpvo.recordings.stereo import StreamRecording
 from gpvo.recordings.streams import EventBlock
 
 LEFT, RIGHT = event_block(900, 1, seconds=0.3), event_block(800, 2, seconds=0.3)
@@ -61,6 +63,36 @@ def test_info_tells_of_faults(tmp_path: Path, calibration: Path) -> None:
     assert "warning" not in invoke(
         "info", write_clean(tmp_path / "clean"), "--calibration", calibration
     )
+
+
+def test_faults_of_the_file_are_said_once_when_they_are_met(
+    tmp_path: Path,
+    calibration: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Not at the end, not again by a second reading; info has them in its summary only."""
+    monkeypatch.setattr("gpvo.recordings.files.hdf5_rows.BLOCK_ROWS", 100)
+    monkeypatch.setattr("gpvo.recordings.checks.time_order.HELD_BACK", 16)
+    x, at = LEFT.x.copy(), (LEFT.t_ns[400] - START_NS) / 1e9
+    x[400:405] = 900
+    files = column_file(tmp_path / "left.h5", LEFT, **{"events/x": x}), tmp_path / "right.h5"
+    column_file(files[1], RIGHT)
+    streams = [ColumnStream(file, DSEC) for file in files]
+    rig = read_calibration(calibration)
+    recording = StreamRecording(tmp_path, "columns", rig, *streams, batch_length=0.01)
+    said = {batch.stop: len(caplog.messages) for batch in recording.event_batches()}
+    first = min(stop for stop, count in said.items() if count)
+    assert abs(first - at) < 0.05 and first < 0.6 * recording.duration
+    list(recording.event_batches())
+    (line,) = caplog.messages
+    assert line.startswith(
+        f"{files[0]}: events: events outside the sensor were left out, the first"
+    )
+    assert recording.faults.to_dict() == {"left": {"events outside the sensor were left out": 5}}
+    caplog.clear()
+    output = invoke("info", tmp_path, "--calibration", calibration)
+    assert output.count("5 events outside the sensor") == 1 and not caplog.messages
 
 
 def write_clean(folder: Path) -> Path:

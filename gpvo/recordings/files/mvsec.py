@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,9 +19,8 @@ from gpvo.recordings.checks.time_order import DISORDER_NS, SORTED
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5, read_column
 from gpvo.recordings.pairing import OneCameraError
+from gpvo.recordings.reading_faults import ReadingFaults
 from gpvo.recordings.streams import Faults
-
-log = logging.getLogger("gpvo.recordings")
 
 TIME = 2
 DISORDER = DISORDER_NS * 1e-9
@@ -77,8 +75,7 @@ class MvsecRecording(Recording):
         self.path = path
         self.rig = rig_for(path, calibration, "MVSEC's HDF5")
         self.batch_length = batch_length
-        self.faults = {side: Faults() for side in SIDES}
-        self._said: set[str] = set()
+        self.faults = ReadingFaults({side: f"{path}: davis/{side}/events" for side in SIDES})
         with open_hdf5(path) as file:
             if one_camera:
                 self.sides = ("right",) if not holds(file, "davis/left/events") else ("left",)
@@ -93,7 +90,7 @@ class MvsecRecording(Recording):
     def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
         start = max(start, 0.0)
         stop = min(stop, float(np.nextafter(self.duration, np.inf)))
-        self.faults = {side: Faults() for side in SIDES}
+        self.faults.clear()
         with open_hdf5(self.path) as file:
             left, right = (
                 self._table(file, side).blocks(self._start, start, self.faults[side])
@@ -101,18 +98,9 @@ class MvsecRecording(Recording):
                 else iter(())
                 for side in SIDES
             )
-            yield from stereo_batches(left, right, start, stop, self.batch_length)
-        for line in set(self.fault_lines()) - self._said:
-            log.warning("%s", line)
-            self._said.add(line)
-
-    def fault_lines(self) -> list[str]:
-        return [
-            f"{self.path}: davis/{side}/events: {count} {kind}"
-            for side, faults in self.faults.items()
-            for kind, count in sorted(faults.items())
-            if count
-        ]
+            for batch in stereo_batches(left, right, start, stop, self.batch_length):
+                self.faults.say_new(batch.stop)
+                yield batch
 
     def _table(self, file: h5py.File, side: str) -> _EventTable:
         camera = self.rig.left if side == "left" else self.rig.right
