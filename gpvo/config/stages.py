@@ -25,7 +25,7 @@ class ClusteringConfig(StageConfig):
         description="Image motion of the slower features during a cluster, tracked pixels.",
     )
     shortest: float = Field(
-        0.01,
+        0.02,
         ge=0,
         description="Shortest duration of a cluster by the motion, seconds: the images are "
         "compensated, and each costs the same time.",
