@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, Generic, TypeVar
@@ -39,3 +40,31 @@ class SecondThread(Generic[T]):
         """Wait until the call has ended, and leave its result to be given."""
         if self._call is not None:
             wait([self._call])
+
+
+_helper = ThreadPoolExecutor(1)
+
+
+def both(first: Callable[[], T], second: Callable[[], T]) -> tuple[T, T]:
+    """Make two calls that do not depend on each other at once, the second in another thread.
+
+    It is for calls that spend their time outside the interpreter, as kernels do. Where no core is
+    free for the second, this thread makes it after the first.
+    """
+    other = _helper.submit(second)
+    try:
+        one = first()
+        return one, second() if other.cancel() else other.result()
+    finally:
+        if not other.cancel():
+            wait([other])
+
+
+def _renew() -> None:
+    """Begin a thread in a forked process: it has none of its parent's."""
+    global _helper
+    _helper = ThreadPoolExecutor(1)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_renew)

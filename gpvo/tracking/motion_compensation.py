@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gpvo.config.stages import CompensationConfig
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.events.noise_level import NoiseLevel
+from gpvo.second_thread import both
 from gpvo.tracking.event_sums import (
     CELL,
     Flow,
@@ -130,17 +131,16 @@ class MotionCompensation:
         if self.at_rest:
             left, right = (image.held(middle) for image in self._moving)
         else:
-            left, right = (
-                CompensatedImage.of_events(image, flow, middle, self._side)
-                for image, flow in zip(
-                    (cluster.left, cluster.right), self._flows(cluster), strict=True
-                )
+            left_flow, right_flow = self._flows(cluster)
+            left, right = both(
+                lambda: CompensatedImage.of_events(cluster.left, left_flow, middle, self._side),
+                lambda: CompensatedImage.of_events(cluster.right, right_flow, middle, self._side),
             )
             if not self._still:
                 self._moving = left, right
         self._images.append((left, right))
         self._frame_count += 1
-        return left.picture, right.picture
+        return both(lambda: left.picture, lambda: right.picture)
 
     def _is_still(self, cluster: StereoCluster) -> bool:
         """Compare the events of both cameras with those of recent clusters."""

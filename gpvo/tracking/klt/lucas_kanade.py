@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from gpvo.second_thread import both
 from gpvo.tracking.klt.patch_kernels import (
     Level,
     Row,
@@ -84,15 +85,27 @@ def match_patches(
     directions, and its match is not beyond the image.
     """
     ends, found = guess.astype(np.float32), np.zeros(len(points), np.bool_)
-    for level in reversed(range(min(coarser + 1, len(source.levels)))):
+    levels = range(min(coarser + 1, len(source.levels)))
+    pairs = tuple((source.levels[level], target.levels[level]) for level in levels)
+    half = len(points) // 2
+    both(
+        lambda: _match_levels(pairs, source.patch_size, points[:half], ends[:half], found[:half]),
+        lambda: _match_levels(pairs, source.patch_size, points[half:], ends[half:], found[half:]),
+    )
+    return ends, found
+
+
+@njit(cache=True, nogil=True)
+def _match_levels(
+    pairs: tuple[tuple[Level, Level], ...], side: int, points: Points, ends: Points, found: Mask
+) -> None:
+    """Refine the ends (N, 2) of points (N, 2), from the coarsest of the levels on."""
+    for level in range(len(pairs) - 1, -1, -1):
         scale = np.float32(0.5**level)
         ends *= scale
-        _match_level(
-            *(source.levels[level], target.levels[level], source.patch_size),
-            *(points * scale, ends, found),
-        )
+        source, target = pairs[level]
+        _match_level(source, target, side, points * scale, ends, found)
         ends /= scale
-    return ends, found
 
 
 @njit(cache=True, nogil=True)

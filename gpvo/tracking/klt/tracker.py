@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.config import TrackingConfig
+from gpvo.second_thread import both
 from gpvo.tracking.features import extrema, smooth, strongest_spaced
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
@@ -72,7 +73,7 @@ class KltTracker:
 
     def track(self, left: Image, right: Image) -> Observations:
         """Follow the known landmarks into a new stereo frame and find new ones there."""
-        images = self._pyramid(left), self._pyramid(right)
+        images = both(lambda: self._pyramid(left), lambda: self._pyramid(right))
         known = len(self._frames[-1].landmark) if self._frames else 0
         followed = self._anchor(self._follow(*images))
         features = self._detect(followed)
