@@ -10,9 +10,9 @@ import numpy as np
 from gtsam.symbol_shorthand import L, V, X
 from numpy.typing import NDArray
 
-from factors import StereoCamera, gauss_newton_parameters, optimize
+from factors import StereoCamera, gauss_newton_parameters, isam2_parameters, optimize
 from gpvo.estimator.graph_builder import GraphBuilder
-from gpvo.estimator.isam2 import insert_states, isam_parameters, joint_covariance, states_of
+from gpvo.estimator.isam2 import insert_states, joint_covariance, states_of
 from gpvo.estimator.state_times import SAME_TIME
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.states import States
@@ -85,7 +85,7 @@ class Window:
 
     def covariance(self, build: GraphBuilder, count: int) -> Array:
         """Return the (12 count, 12 count) covariance of the first states."""
-        solved = gtsam.ISAM2(isam_parameters())
+        solved = gtsam.ISAM2(isam2_parameters(relinearize_threshold=0.0))
         solved.update(self.graph(build), self.values(build))
         return joint_covariance(solved, range(count))
 

@@ -1,4 +1,4 @@
-"""GTSAM's iSAM2: its parameters, and what is read from its solution."""
+"""What is read from the solution of GTSAM's iSAM2."""
 
 from __future__ import annotations
 
@@ -19,23 +19,6 @@ ROUNDING = 1e-8
 """Eigenvalue of a correlation matrix that is as good as zero."""
 FASTEST = 1e3
 """Body twist beyond which an estimate has diverged, rad/s and m/s."""
-
-
-def isam_parameters() -> gtsam.ISAM2Params:
-    """Return parameters of an iSAM2 that takes one full Gauss-Newton step at each update.
-
-    All is linearised at the latest estimate: what leaves the window is then marginalised at the
-    same point at which its landmarks' prior was made. The solver is QR, because GTSAM's Cholesky
-    rejects well-posed systems of states that are microseconds apart.
-    """
-    parameters, steps = gtsam.ISAM2Params(), gtsam.ISAM2GaussNewtonParams()
-    steps.setWildfireThreshold(0.0)
-    parameters.setOptimizationParams(steps)
-    parameters.setFactorization("QR")
-    parameters.setRelinearizeThreshold(0.0)
-    parameters.relinearizeSkip = 1
-    parameters.findUnusedFactorSlots = True
-    return parameters
 
 
 def states_of(values: gtsam.Values, numbers: Sequence[int], t: Array) -> States:

@@ -7,7 +7,7 @@ import numpy as np
 from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
-from factors import StatesBetween, StereoCamera
+from factors import StatesBetween, StereoCamera, isam2_parameters
 from factors.inner_factor import InnerFactor
 from factors.lie import se3_inverse
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
@@ -22,7 +22,6 @@ from gpvo.estimator.initialization import InitialState, start_states, velocity_a
 from gpvo.estimator.isam2 import (
     FAILURES,
     are_covariances,
-    isam_parameters,
     joint_covariance,
     pairs_of_neighbours,
     prior_covariance,
@@ -253,7 +252,10 @@ class FixedLagSmoother:
         return NumberedStates(self._first, self._keys)
 
     def _start_smoother(self) -> None:
-        self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, isam_parameters())
+        # All is linearised at the latest estimate: what leaves the window is then marginalised at
+        # the point at which its landmarks' prior was made.
+        parameters = isam2_parameters(relinearize_threshold=0.0)
+        self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, parameters)
         self._solved_covariance: Array | None = None  # needed several times between two updates
         # While Python holds it, GTSAM does not copy all values for each factor written in Python.
         self._linearization_point = self._smoother.getLinearizationPoint()
@@ -392,7 +394,7 @@ class FixedLagSmoother:
         others = factors_that_leave(in_graph, update, self._window, leaving, self._landmarks.index)
         try:
             self._landmarks.add_to(update, self._window, new, leaving, others)
-        except FAILURES as error:
+        except self._failures as error:
             return error
         return None
 
@@ -436,9 +438,14 @@ class FixedLagSmoother:
         """Update the smoother; return what went wrong if that fails."""
         try:
             self._update(update)
-        except FAILURES as error:
+        except self._failures as error:
             return error
         return None
+
+    @property
+    def _failures(self) -> tuple[type[Exception], ...]:
+        """What an update may raise; a factor of a user's own raises what it likes."""
+        return (Exception,) if self._own.active else FAILURES
 
     def _update(self, update: GraphUpdate) -> None:
         """Update the smoother, and take over its estimate of the states in the window."""
