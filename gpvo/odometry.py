@@ -20,6 +20,7 @@ from gpvo.faults import Fault, FaultWatch
 from gpvo.front_end import FrontEnd, TrackedCluster
 from gpvo.lost_stage import lost_stage
 from gpvo.observer import Observer, Step, no_observer
+from gpvo.process_setting import quick_switches
 from gpvo.recordings import Recording, StereoEvents, StereoRig
 from gpvo.second_thread import SecondThread
 from gpvo.tracking import Tracker
@@ -117,7 +118,7 @@ class Odometry:
 
     def _reports(self, clusters: Iterator[StereoCluster]) -> Iterator[ClusterReport]:
         """Process clusters: a cluster is tracked while the one before is estimated."""
-        with one_blas_thread():
+        with one_blas_thread(), quick_switches():
             for cluster in self._staged("events and clustering", clusters):
                 tracked = self._front_end.process(cluster)
                 report = ClusterReport.of(cluster, tracked)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 from gpvo.recordings.streams import EventBlock
 
-CAUGHT_UP = 0.02
+CAUGHT_UP = 0.03
 """Age of what waits at which the computer has caught up, seconds; a cluster makes it older."""
-HURRY = 0.15
+HURRY = 0.3
 """Time without having caught up after which more is shed, and again, seconds."""
 PATIENCE = 0.5
 """Time after which less is shed if it catches up, seconds."""
-LONGEST = 0.25
+LONGEST = 0.5
 """Age at which what waits is thrown away, seconds."""
 
 

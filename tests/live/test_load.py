@@ -20,11 +20,11 @@ def after(load: Load, ages: list[float], begin: float, step: float = 0.01) -> li
 def test_less_and_less_is_used_while_behind_and_all_of_it_in_the_end() -> None:
     load = Load()
     assert after(load, [0.0] * 100, 10.0) == [0] * 100
-    behind = after(load, [2 * CAUGHT_UP] * 100, 11.0)
+    behind = after(load, [2 * CAUGHT_UP] * 200, 11.0)
     assert behind[-1] == len(LEVELS) - 1
     assert np.isin(np.diff(behind), (0, 1)).all()
     assert behind[int(HURRY / 0.01) - 2] == 0
-    caught_up = after(load, [0.0] * 400, 12.0)
+    caught_up = after(load, [0.0] * 400, 13.0)
     assert np.isin(np.diff(caught_up), (0, -1)).all()
     assert load.is_full and caught_up.index(0) > 100 * PATIENCE * (len(LEVELS) - 2)
 
