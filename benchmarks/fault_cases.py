@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.recordings import Events
+from gpvo.recordings.right_offset import with_right_offset
 from gpvo.simulation import SimulatedRecording
 from gpvo.trajectory import StampedPoses
 
@@ -78,6 +79,18 @@ def right_late(seconds: float) -> Harm:
         return replace(recording, right=late.between(-np.inf, recording.duration))
 
     return harm
+
+
+def corrected(harm: Harm) -> Harm:
+    """Correct the clocks afterwards, as --right-offset auto does."""
+
+    def harmed(recording: SimulatedRecording, t: float, rng: Rng) -> SimulatedRecording:
+        late = harm(recording, t, rng)
+        shifted = with_right_offset(late, "auto")
+        right = Events.concatenate(batch.right for batch in shifted.event_batches())
+        return replace(late, right=right)
+
+    return harmed
 
 
 def missing(seconds: float, share: float = 0.0) -> Harm:
@@ -227,6 +240,7 @@ FAULTS = (
     Fault("unharmed", unharmed, MEASURED, harmless=True),
     Fault("right camera dies", right_dies, HARMED, "right camera"),
     Fault("right clock 50 ms late", right_late(0.05), HARMED, "late"),
+    Fault("50 ms late, --right-offset auto", corrected(right_late(0.05)), MEASURED, harmless=True),
     Fault("2 s of events missing", missing(2.0), HARMED, "no events"),
     Fault("0.5 s of events missing", missing(0.5), HARMED, "no events", harmless=True),
     Fault("2 s standstill without events", standstill(2.0, 0.0), HARMED, "no events"),

@@ -54,7 +54,7 @@ class Odometry:
     ) -> None:
         self.reports: list[ClusterReport] = []
         self._stage, self._observer = stage, observer
-        self._watch = FaultWatch()
+        self._watch = FaultWatch(rig)
         self._front_end = FrontEnd(rig, configuration or Configuration(), tracker, stage)
         self.configuration = self._front_end.configuration
         self.camera = self._front_end.camera

@@ -13,6 +13,7 @@ from gpvo.cluster_report import ClusterReport
 from gpvo.faults import Fault
 from gpvo.trajectory import Trajectory
 
+Word = Literal["good", "degraded", "failed"]
 FEW = 6
 """Number of inliers below which a cluster hardly measures the motion: twice the smallest sample."""
 SHORT = 0.25
@@ -46,7 +47,7 @@ class Verdict:
     ----------
     word
         good, degraded where a part is dead reckoning or the events are faulty, failed where most of
-        it is dead reckoning.
+        it is dead reckoning or a fault makes it wrong by more than its covariance says.
     reasons
         What was seen, a line each; none for a good run.
     dead_reckoning
@@ -59,7 +60,7 @@ class Verdict:
         What was found in the events, those that do no harm too.
     """
 
-    word: Literal["good", "degraded", "failed"]
+    word: Word
     reasons: tuple[str, ...]
     dead_reckoning: float
     stretches: tuple[Stretch, ...]
@@ -92,11 +93,15 @@ def verdict(
     deviation = _deviation(stretches, trajectory)
     known = f"; then the position is known to {deviation:.2f} m" if deviation else ""
     harm = tuple(f"{one.kind} from {one.t:.2f} s on" for one in faults if one.harms)
+    wrong = tuple(
+        f"{one.kind}: wrong by more than the covariance says" for one in faults if one.fails
+    )
     if share >= MOSTLY:
-        reason = f"{100 * share:.0f} % of the time is dead reckoning: {_listed(stretches)}{known}"
-        return Verdict("failed", (reason, *harm), share, stretches, deviation, tuple(faults))
-    reasons = (*_reasons(stretches, whole, reports[0].start, known), *harm)
-    word: Literal["degraded", "good"] = "degraded" if reasons else "good"
+        lost = f"{100 * share:.0f} % of the time is dead reckoning: {_listed(stretches)}{known}"
+        reasons: tuple[str, ...] = (lost, *wrong, *harm)
+    else:
+        reasons = (*wrong, *_reasons(stretches, whole, reports[0].start, known), *harm)
+    word: Word = "failed" if wrong or share >= MOSTLY else "degraded" if reasons else "good"
     return Verdict(word, reasons, share, stretches, deviation, tuple(faults))
 
 

@@ -12,7 +12,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 from rich.table import Table
 
 from gpvo.commands.inputs import Calibration as CalibrationFile
@@ -23,9 +22,10 @@ from gpvo.evaluation.poses.load import load_poses
 from gpvo.recordings import Events, Recording
 from gpvo.recordings.calibration.find import Calibration, MissingCalibrationError
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
-from gpvo.recordings.checks.clock_offset import clock_offset, events_per_millisecond
+from gpvo.recordings.checks.row_rates import RowRates
 from gpvo.recordings.open_recording import open_cameras
 from gpvo.recordings.pairing import NO_CAMERA, OneCameraError
+from gpvo.recordings.right_offset import LOOKED_AT
 
 GAP_SECONDS = 0.05
 """Longest normal time between events, seconds; even a camera at rest has noise events."""
@@ -87,8 +87,6 @@ class CameraEvents:
         Smallest sensor that holds all events, (width, height).
     gaps
         (start, duration) of the times without events, seconds.
-    per_millisecond
-        Number of events in every millisecond.
     """
 
     count: int = 0
@@ -97,7 +95,6 @@ class CameraEvents:
     last: float = np.nan
     reach: tuple[int, int] = (0, 0)
     gaps: list[tuple[float, float]] = field(default_factory=list)
-    per_millisecond: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def add(self, events: Events) -> None:
         """Add events to the statistics."""
@@ -113,12 +110,6 @@ class CameraEvents:
         self.on += int(events.polarity.sum())
         width, height = int(events.x.max()) + 1, int(events.y.max()) + 1
         self.reach = max(self.reach[0], width), max(self.reach[1], height)
-        self._count_milliseconds(events.t)
-
-    def _count_milliseconds(self, t: NDArray[np.float64]) -> None:
-        counts = events_per_millisecond(t, len(self.per_millisecond))
-        counts[: len(self.per_millisecond)] += self.per_millisecond
-        self.per_millisecond = counts
 
     def row(self) -> list[str]:
         """Return the cells of the table: events, rate, share of ON, first, last, gaps."""
@@ -207,19 +198,21 @@ def summarise(
     advance
         Called with the seconds read so far.
     """
-    left, right = CameraEvents(), CameraEvents()
+    left, right, rates = CameraEvents(), CameraEvents(), RowRates(recording.rig, LOOKED_AT)
     for batch in recording.event_batches():
+        if batch.stop <= LOOKED_AT:
+            rates.add(batch)
         left.add(batch.left)
         right.add(batch.right)
         advance(batch.stop)
     warnings = [*recording.notes, *recording.fault_lines()]
     if len(recording.sides) == 1:
         warnings.append(f"{recording.path}: holds one camera; gpvo needs two to run")
-    offset = clock_offset(left.per_millisecond, right.per_millisecond)
-    if offset is not None:
+    offset = rates.offset()
+    if offset is not None and offset.is_apart:
         warnings.append(
-            f"the right camera's stamps seem to be {offset:+.3f} s late: its event rate follows"
-            " the left one's by that time; synchronise the clocks or shift its stamps"
+            f"the right camera's stamps seem to be {offset} late: its events follow the left one's"
+            " by that time; synchronise the clocks, or run with --right-offset auto"
         )
     truth = ground_truths(recording) if calibrated else []
     return Summary(recording, calibrated, left, right, truth, warnings)

@@ -60,8 +60,8 @@ def live(
 ) -> None:
     """Estimate the motion while events come; Ctrl-C ends it and writes the results.
 
-    Exit status 3: most of the trajectory is dead reckoning. 130 and 143: ended by Ctrl-C or
-    SIGTERM, with the results so far.
+    Exit status 3: failed, most of the trajectory is dead reckoning, or the clocks are apart. 130
+    and 143: ended by Ctrl-C or SIGTERM, with the results so far.
     """
     configuration = configured(config, seed)
     span = start, checked_duration(duration) or np.inf

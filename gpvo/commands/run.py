@@ -73,7 +73,7 @@ from gpvo.verdict import Verdict, verdict
 COMPILING = "compiling for this machine, which the first run does once and takes a minute or two"
 NO_WATCH = Watch()
 DEAD_RECKONING = 3
-"""Exit status for a trajectory that is mostly dead reckoning."""
+"""Exit status for a failed run: mostly dead reckoning, or wrong for a fault of the events."""
 
 
 def run(
@@ -98,8 +98,9 @@ def run(
 ) -> None:
     """Estimate the motion of a recording; write trajectory, metrics and plots.
 
-    Exit status 2: bad input. 3: most of the trajectory is dead reckoning. 4: results cannot be
-    written. 130 and 143: ended by Ctrl-C or SIGTERM, with the results so far.
+    Exit status 2: bad input. 3: failed, most of the trajectory is dead reckoning, or the clocks are
+    apart. 4: results cannot be written. 130 and 143: ended by Ctrl-C or SIGTERM, with the results
+    so far.
     """
     if repeat is not None:
         if recording is not None:

@@ -1,67 +1,82 @@
-"""The cameras' clocks: apart from the start, or drifting apart."""
+"""The cameras' clocks: apart from the start, or drifting apart.
+
+Disparities are wrong then by the motion in the image meanwhile, all in the same way, so that the
+covariance does not know it: such a run is failed.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from gpvo.faults.fault import Fault
-from gpvo.faults.rates import EventRates
-from gpvo.recordings.checks.clock_offset import clock_offset
+from gpvo.recordings import StereoEvents, StereoRig
+from gpvo.recordings.checks.clock_offset import ClockOffset
+from gpvo.recordings.checks.row_rates import RowRates
 
-PERIOD = 500
-"""Milliseconds from one look at the rates to the next."""
-SHORTEST = 1500
-"""Milliseconds of rates that tell an offset."""
+REMEMBERED = 4.0
+"""Seconds of events that are compared."""
+SHORTEST = 1.5
+"""Seconds of them that tell an offset."""
+PERIOD, LATER = 0.5, 2.0
+"""Seconds from one look to the next, before and after two of them agreed."""
 SAME = 0.003
 """Seconds by which two looks at one offset differ, at most."""
 
 
 class ClockWatch:
-    """Compares the course of the cameras' event rates; see `clock_offset`.
+    """Compares the courses of the cameras' events; see `clock_offset`.
 
     Attributes
     ----------
     latest
-        Seconds by which the right camera's stamps are late, as found last; None for no clear one.
+        Offset as found last; None for no clear one.
     """
 
-    def __init__(self) -> None:
-        self.latest: float | None = None
-        self._next = 0
+    def __init__(self, rig: StereoRig) -> None:
+        self.latest: ClockOffset | None = None
+        self._rates, self._next = RowRates(rig, REMEMBERED), 0.0
         self._said: float | None = None
 
-    def see(self, rates: EventRates) -> Iterator[Fault]:
-        """Look at the latest rates; yield what is wrong once two looks agree."""
-        if rates.stop < self._next or rates.counts.shape[1] < SHORTEST:
+    def see(self, batch: StereoEvents) -> Iterator[Fault]:
+        """Look at the next events; yield what is wrong once two looks agree."""
+        self._rates.add(batch)
+        if batch.stop < self._next or self._rates.seconds < SHORTEST:
             return
-        self._next = rates.stop + PERIOD
-        before, self.latest = self.latest, clock_offset(*rates.counts[:, :-1])
-        found = self.latest
-        if found is None or before is None or abs(found - before) > SAME:
-            return
-        t = (rates.stop - rates.counts.shape[1]) / 1000
-        if self._said is None:
-            self._said = found
-            yield _apart(found, t)
-        elif abs(found - self._said) > SAME:
-            yield _drift(self._said, found, t)
+        before, self.latest = self.latest, self._rates.offset()
+        agree = _agree(before, self.latest)
+        self._next = batch.stop + (LATER if agree else PERIOD)
+        if agree and self.latest is not None:
+            yield from self._judge(self.latest)
+
+    def _judge(self, found: ClockOffset) -> Iterator[Fault]:
+        if self._said is None and found.is_apart:
+            self._said = found.seconds
+            yield _apart(found, self._rates.start)
+        elif self._said is not None and abs(found.seconds - self._said) > SAME + found.deviation:
+            yield _drift(self._said, found, self._rates.start)
 
 
-def _apart(seconds: float, t: float) -> Fault:
+def _agree(before: ClockOffset | None, found: ClockOffset | None) -> bool:
+    return bool(before and found and abs(found.seconds - before.seconds) <= SAME)
+
+
+def _apart(found: ClockOffset, t: float) -> Fault:
     return Fault(
         "clocks apart",
         t,
-        f"the right camera's stamps are {seconds:+.3f} s late: its event rate follows the left"
-        " one's by that time; synchronise the clocks, or correct it by --right-offset auto",
-        numbers={"offset_s": seconds},
+        f"the right camera's stamps are {found} late: its events follow the left one's by that"
+        " time; synchronise the clocks, or correct it by gpvo run --right-offset auto",
+        numbers={"offset_s": found.seconds, "deviation_s": found.deviation},
+        fails=True,
     )
 
 
-def _drift(before: float, now: float, t: float) -> Fault:
+def _drift(before: float, now: ClockOffset, t: float) -> Fault:
     return Fault(
         "clocks drift",
         t,
         f"the cameras' clocks drift: the right one's stamps were {before:+.3f} s late and are"
-        f" {now:+.3f} s now; synchronise them by hardware",
-        numbers={"offset_before_s": before, "offset_s": now},
+        f" {now} now; synchronise them by hardware",
+        numbers={"offset_before_s": before, "offset_s": now.seconds},
+        fails=True,
     )

@@ -23,6 +23,8 @@ class Fault:
         Whether the estimate is worse for it.
     numbers
         What was measured, by name with unit.
+    fails
+        Whether the estimate is wrong by more than its covariance says.
     """
 
     kind: str
@@ -30,6 +32,7 @@ class Fault:
     text: str
     harms: bool = True
     numbers: Mapping[str, float] = field(default_factory=dict)
+    fails: bool = False
 
     @property
     def line(self) -> str:

@@ -12,11 +12,11 @@ from gpvo.faults.clocks import ClockWatch
 from gpvo.faults.doubled import DoubledEvents
 from gpvo.faults.fault import Fault
 from gpvo.faults.flashes import leaves_out
-from gpvo.faults.rates import EventRates, different_rates
+from gpvo.faults.rates import different_rates
 from gpvo.faults.silence import Silence
 from gpvo.faults.views import Views
 from gpvo.lost_stage import EARLY, is_lost, lost_stage
-from gpvo.recordings import StereoEvents
+from gpvo.recordings import StereoEvents, StereoRig
 
 log = logging.getLogger("gpvo.faults")
 
@@ -30,9 +30,10 @@ class FaultWatch:
         What was found so far, in order.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rig: StereoRig) -> None:
         self.faults: list[Fault] = []
-        self._rates, self._silence, self._clocks = EventRates(), Silence(), ClockWatch()
+        self._seconds, self._events = 0.0, [0, 0]
+        self._silence, self._clocks = Silence(), ClockWatch(rig)
         self._doubled, self._views = DoubledEvents(), Views()
         self._reports: list[ClusterReport] = []
         self._is_early = True
@@ -40,22 +41,26 @@ class FaultWatch:
     @property
     def numbers(self) -> dict[str, Any]:
         """What was measured of the stream so far: rates, silences, offset of the clocks."""
-        left, right = (self._rates.events / max(self._rates.seconds, 1e-9)).tolist()
+        left, right = (count / max(self._seconds, 1e-9) for count in self._events)
+        offset = self._clocks.latest
         return {
             "left_events_per_s": left,
             "right_events_per_s": right,
             "silences_s": {
                 side: list(map(list, many)) for side, many in self._silence.silences.items()
             },
-            "clock_offset_s": self._clocks.latest,
+            "clock_offset_s": offset.seconds if offset else None,
+            "clock_offset_deviation_s": offset.deviation if offset else None,
         }
 
     def see_events(self, batch: StereoEvents) -> None:
         """Look at the next events of the stream, in batches of any length."""
-        self._rates.add(batch)
+        self._seconds += batch.stop - batch.start
+        self._events[0] += len(batch.left)
+        self._events[1] += len(batch.right)
         self._say(self._silence.see(batch))
         self._say(self._doubled.see(batch))
-        self._say(self._clocks.see(self._rates))
+        self._say(self._clocks.see(batch))
 
     def see_cluster(self, cluster: StereoCluster, report: ClusterReport) -> None:
         """Look at the next cluster, and at what became of it."""

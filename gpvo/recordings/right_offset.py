@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -9,8 +10,11 @@ import numpy as np
 
 from gpvo.errors import InputError
 from gpvo.recordings.base import Events, Recording, StereoEvents
-from gpvo.recordings.checks.clock_offset import clock_offset, events_per_millisecond
+from gpvo.recordings.checks.clock_offset import ClockOffset
+from gpvo.recordings.checks.row_rates import RowRates
 from gpvo.recordings.event_batches import stereo_batches
+
+log = logging.getLogger("gpvo.recordings")
 
 LOOKED_AT = 20.0
 """Seconds from the start of which the offset is found."""
@@ -51,19 +55,27 @@ def with_right_offset(recording: Recording, offset: str) -> Recording:
     InputError
         If it is neither, or the rates show no clear offset.
     """
-    late = found_offset(recording) if offset == "auto" else _seconds(offset)
-    return recording if late == 0 else ShiftedRecording(recording, late)
+    if offset != "auto":
+        late = _seconds(offset)
+        return recording if late == 0 else ShiftedRecording(recording, late)
+    found = found_offset(recording)
+    if found is None:
+        raise InputError(
+            f"{recording.path}: --right-offset auto: the cameras' events show no clear offset of"
+            " their clocks; give its seconds, or 0"
+        )
+    if not found.is_apart:
+        return recording
+    log.warning("the right camera's stamps are %s late, and taken earlier by that", found)
+    return ShiftedRecording(recording, round(found.seconds, 6))
 
 
-def found_offset(recording: Recording) -> float:
-    """Find how late the right camera's stamps are, seconds; 0 if they are not."""
-    counts = [np.zeros(0, np.int64), np.zeros(0, np.int64)]
-    length = int(min(LOOKED_AT, recording.duration) * 1000) + 1
+def found_offset(recording: Recording) -> ClockOffset | None:
+    """Find how late the right camera's stamps are; None without a clear result."""
+    rates = RowRates(recording.rig, LOOKED_AT)
     for batch in recording.event_batches(0.0, LOOKED_AT):
-        for side, events in enumerate((batch.left, batch.right)):
-            more = events_per_millisecond(events.t, length)[:length]
-            counts[side] = more if len(counts[side]) == 0 else counts[side] + more
-    return clock_offset(*counts) or 0.0
+        rates.add(batch)
+    return rates.offset()
 
 
 def _seconds(offset: str) -> float:

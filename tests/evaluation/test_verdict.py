@@ -88,6 +88,16 @@ def test_what_harms_the_events_degrades_and_what_does_not_is_kept() -> None:
     assert [fault["kind"] for fault in found.to_dict()["faults"]] == ["hot pixels", "clocks apart"]
 
 
+def test_a_fault_that_the_covariance_does_not_know_fails_a_run() -> None:
+    apart = Fault("clocks apart", 1.5, "synchronise", numbers={"offset_s": 0.05}, fails=True)
+    found = verdict(reports([150] * 60), [apart])
+    assert found.word == "failed" and found.reasons[0].startswith(
+        "clocks apart: wrong by more than"
+    )
+    (told,) = found.to_dict()["faults"]
+    assert told["numbers"] == {"offset_s": 0.05}
+
+
 def test_rest_is_no_dead_reckoning() -> None:
     still = TrackingReport(0, 0, 9, 9, at_rest=True)
     rest = [replace(one, tracking=still) for one in reports([0] * 60)]

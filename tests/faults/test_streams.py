@@ -14,9 +14,10 @@ import pytest
 
 from gpvo.faults import FaultWatch
 from gpvo.faults.doubled import repeated
-from gpvo.faults.rates import EventRates
 from gpvo.recordings import Events, Recording, StereoEvents
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
+from gpvo.recordings.checks.clock_offset import BIN
+from gpvo.recordings.checks.row_rates import RowRates
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.right_offset import ShiftedRecording, found_offset, with_right_offset
 
@@ -44,7 +45,7 @@ def batches(left: Events, right: Events, length: float = 0.1) -> Iterator[Stereo
 
 def found(left: Events, right: Events, length: float = 0.1) -> dict[str, float]:
     """Return the kinds of faults and their times."""
-    watch = FaultWatch()
+    watch = FaultWatch(UNKNOWN_RIG)
     for batch in batches(left, right, length):
         watch.see_events(batch)
     return {fault.kind: fault.t for fault in watch.faults}
@@ -98,15 +99,17 @@ def test_clocks_that_are_apart_are_found_and_measured(
     with caplog.at_level(logging.WARNING, logger="gpvo.faults"):
         assert list(found(events(1), events(2, late))) == ["clocks apart"]
     (line,) = caplog.messages
-    assert f"{late:+.3f} s late" in line and "--right-offset auto" in line
+    offset = float(line.partition("stamps are ")[2].partition(" s")[0])
+    assert offset == pytest.approx(late, abs=0.0025) and "--right-offset auto" in line
 
 
 @pytest.mark.parametrize("late", [0.0, -0.02, 0.05, 0.3])
 def test_a_right_camera_that_is_late_is_corrected_automatically(late: float) -> None:
     recording = Streams(events(1), events(2, late))
-    assert found_offset(recording) == pytest.approx(late, abs=0.0015)
+    offset = found_offset(recording)
+    assert offset is not None and offset.seconds == pytest.approx(late, abs=0.0025)
     corrected = with_right_offset(recording, "auto")
-    watch = FaultWatch()
+    watch = FaultWatch(UNKNOWN_RIG)
     for batch in corrected.event_batches():
         watch.see_events(batch)
         for side in (batch.left, batch.right):
@@ -126,7 +129,7 @@ def test_all_events_of_a_shifted_camera_come_once(start: float) -> None:
 def test_clocks_that_drift_are_said_too() -> None:
     left, right = events(1, duration=14.0), events(2, 0.02, 14.0)
     slow = replace(right, t=right.t * 1.001)
-    watch = FaultWatch()
+    watch = FaultWatch(UNKNOWN_RIG)
     for batch in batches(left, slow):
         watch.see_events(batch)
     assert [fault.kind for fault in watch.faults] == ["clocks apart", "clocks drift"]
@@ -135,7 +138,7 @@ def test_clocks_that_drift_are_said_too() -> None:
 def test_doubled_events_are_named() -> None:
     left, right = events(1), events(2)
     twice = right[np.repeat(np.arange(len(right)), 2)]
-    watch = FaultWatch()
+    watch = FaultWatch(UNKNOWN_RIG)
     for batch in batches(left, twice):
         watch.see_events(batch)
     (fault,) = watch.faults
@@ -148,7 +151,7 @@ def test_what_is_said_has_its_numbers(length: float) -> None:
     """Offset, silences and rates, for programs that read metrics.json."""
     left, right = without(events(1), 1.0, 1.5), without(events(2, 0.05), 1.05, 1.55)
     right = without(right, 3.0, 3.4)
-    watch = FaultWatch()
+    watch = FaultWatch(UNKNOWN_RIG)
     for batch in batches(left, right, length):
         watch.see_events(batch)
     offset = {fault.kind: fault.numbers for fault in watch.faults}["clocks apart"]["offset_s"]
@@ -164,12 +167,44 @@ def test_what_is_said_has_its_numbers(length: float) -> None:
 
 
 @pytest.mark.parametrize("length", [0.1, 0.0333, 0.0004])
-def test_rates_are_the_same_for_batches_of_any_length(length: float) -> None:
+@pytest.mark.parametrize("remembered", [0.25, 4.0])
+def test_rates_are_the_same_for_batches_of_any_length(
+    length: float, remembered: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gpvo.recordings.checks.row_rates.MOST", 10**9)
     left, right = (events(k).between(0.0, 0.8) for k in (1, 2))
-    rates = EventRates()
+    rates = RowRates(UNKNOWN_RIG, remembered)
     for batch in batches(left, right, length):
         rates.add(batch)
-    counted = [np.bincount((side.t * 1000).astype(int), minlength=800) for side in (left, right)]
-    # An event at a border may count for either side of it.
-    np.testing.assert_allclose(np.cumsum(rates.counts, 1)[:, :800], np.cumsum(counted, 1), atol=1)
-    assert rates.counts.sum() == len(left) + len(right)
+    stop = rates.stop - 1
+    known = min(stop, round(remembered / BIN) - (remembered < 0.8))
+    for found, side in zip(rates.counts(), (left, right), strict=True):
+        edges = np.arange(stop + 1)
+        for band, on in ((0, False), (5, True)):
+            mine = side[(side.y // 16 == band) & (side.polarity == on)]
+            expected = np.histogram(mine.t / BIN, edges)[0][-known:]
+            # An event at a border may count for either side of it.
+            course = found[2 * band + on][-known:].cumsum()
+            np.testing.assert_allclose(course, expected.cumsum(), atol=1)
+
+
+def test_of_many_events_some_are_counted_for_all() -> None:
+    side = events(1)
+    many = Events(*(np.repeat(column, 40) for column in (side.x, side.y, side.t, side.polarity)))
+    few = RowRates(UNKNOWN_RIG, 4.0)
+    for batch in batches(many, side):
+        few.add(batch)
+    total = few.counts().sum(axis=(1, 2))
+    assert total[0] == pytest.approx(40 * total[1], rel=0.01)
+
+
+def test_after_a_long_time_without_data_only_the_new_is_known() -> None:
+    rates = RowRates(UNKNOWN_RIG, 1.0)
+    side = events(1)
+    for start, stop in ((0.0, 0.5), (0.5, 90.0), (90.0, 90.4)):
+        late = replace(side, t=side.t + 90.0)
+        both = side.between(start, min(stop, 0.5)), late.between(start, stop)
+        one = Events.concatenate(both)
+        rates.add(StereoEvents(start, stop, one, one))
+    assert rates.seconds == pytest.approx(1.0) and rates.start == pytest.approx(89.4)
+    assert rates.counts()[0].sum() == pytest.approx(len(late.between(90.0, 90.4)), rel=0.02)

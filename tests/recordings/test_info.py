@@ -11,13 +11,14 @@ from encoders import START_NS, column_file, event_block, evt3_words, raw_file, s
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reading import assert_recording_holds
+from recording_files import HEIGHT
 from typer.testing import CliRunner
 
 from gpvo.commands.cli import app
 from gpvo.commands.info import open_for_info, summarise
 from gpvo.errors import InputError
 from gpvo.recordings import open_recording, read_calibration
-from gpvo.recordings.checks.clock_offset import clock_offset
+from gpvo.recordings.checks.clock_offset import BIN, clock_offset
 from gpvo.recordings.files.hdf5_columns import DSEC, ColumnStream
 from gpvo.recordings.stereo import StreamRecording
 from gpvo.recordings.streams import EventBlock
@@ -126,7 +127,7 @@ def test_convert(tmp_path: Path, calibration: Path, to: str | None, name: str) -
 
 
 def bursts(seed: int) -> np.ndarray:
-    """Return event rates of a moving scene, (1500,), one per millisecond."""
+    """Return event rates of a moving scene, (1500,), one per bin."""
     rng = np.random.default_rng(seed)
     return 30 + 20 * np.sin(np.cumsum(rng.normal(0, 0.3, 1500)))
 
@@ -134,30 +135,35 @@ def bursts(seed: int) -> np.ndarray:
 @settings(deadline=None, max_examples=25)
 @given(offset=st.integers(-150, 150), seed=st.integers(0, 50))
 def test_clock_offset_is_found(offset: int, seed: int) -> None:
+    """In eight bands of rows, whose rates are not alike."""
     rng = np.random.default_rng(seed)
-    rate = bursts(seed)
-    left, right = rng.poisson(rate[200:1200]), rng.poisson(rate[200 - offset : 1200 - offset])
+    rates = [bursts(9 * seed + band) for band in range(8)]
+    left = np.array([rng.poisson(rate[200:1200]) for rate in rates])
+    right = np.array([rng.poisson(rate[200 - offset : 1200 - offset]) for rate in rates])
     found = clock_offset(left, right)
-    if abs(offset) < 3:
-        assert found is None
-    elif abs(offset) > 10:
-        assert found == pytest.approx(offset / 1000, abs=0.002)
+    assert found is not None
+    assert found.seconds == pytest.approx(offset * BIN, abs=0.002)
+    assert found.is_apart == (abs(found.seconds) > 3 * found.deviation)
+    assert found.is_apart or abs(offset) <= 9
 
 
 def test_no_offset_without_a_sign_of_one() -> None:
     rng = np.random.default_rng(0)
-    assert clock_offset(rng.poisson(20, 1000), rng.poisson(20, 1000)) is None
-    assert clock_offset(np.zeros(1000, int), np.ones(1000, int)) is None
-    assert clock_offset(np.zeros(0, int), np.ones(3, int)) is None
+    assert clock_offset(rng.poisson(20, (8, 1000)), rng.poisson(20, (8, 1000))) is None
+    assert clock_offset(np.zeros((1, 1000), int), np.ones((1, 1000), int)) is None
+    assert clock_offset(np.zeros((8, 0), int), np.ones((8, 3), int)) is None
+    left, right = (np.array([bursts(seed + band)[:1000] for band in range(8)]) for seed in (0, 90))
+    assert clock_offset(left, right) is None
 
 
 def test_an_offset_is_reported(tmp_path: Path, calibration: Path) -> None:
     rng = np.random.default_rng(1)
     counts = rng.poisson(bursts(2) / 10)
-    t_ns = START_NS + 1_000_000 * np.repeat(np.arange(1500), counts) + 500_000
+    t_ns = START_NS + 2_000_000 * np.repeat(np.arange(1500), counts) + 500_000
     x = np.zeros(len(t_ns), np.uint16)
-    block = EventBlock(x, x, t_ns, x > 0)
+    y = rng.integers(0, HEIGHT, len(t_ns)).astype(np.uint16)
+    block = EventBlock(x, y, t_ns, x > 0)
     column_file(tmp_path / "left.h5", block)
     column_file(tmp_path / "right.h5", shifted(block, 40_000_000))
     summary = summarise(open_recording(tmp_path, calibration))
-    assert any("seem to be +0.040 s late" in warning for warning in summary.warnings)
+    assert any("seem to be +0.040 s (within 0.00" in warning for warning in summary.warnings)

@@ -1,76 +1,136 @@
-"""Estimate the offset between the cameras' clocks from their event rates."""
+"""Estimate the offset between the cameras' clocks from the course of events in bands of rows.
+
+A point of the scene has the same row in both rectified images, whatever its disparity. So the
+numbers of events of a band of rows, brighter and darker ones apart, follow each other in time. The
+rates of whole images do as well, but contours enter and leave them at other times, which looks like
+an offset if the cameras are far apart.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-LONGEST_OFFSET = 2000
-"""Largest offset that is searched for in both directions, milliseconds."""
+Array = NDArray[np.float64]
 
-SMOOTHING = 500
-"""Milliseconds; slower changes of the rate carry little information about the offset."""
+BIN = 0.002
+"""Seconds in which events are counted."""
+LONGEST_OFFSET = 2.0
+"""Largest offset that is searched for in both directions, seconds."""
+SLOW, FAST = 100, 8
+"""Bins: slower changes carry little information, faster ones are noise and flicker."""
+SHORTEST = 1.0
+"""Seconds below which chance or flicker may look like an offset."""
+OWN_DEVIATION = 0.002
+"""Standard deviation of the estimate where all bands agree, seconds: occlusions and flicker."""
+CLEAR = 1.2
+"""Least product of a clear peak's correlation and its ratio to the scatter of the others; below
+0.9 where the cameras see different things."""
+AS_GOOD = 0.99
+"""Ratio of peaks that are as good as the highest: flicker repeats, and the least offset counts."""
+FLAT = 0.98
+"""Share of a peak's height above which it is flat: flicker moves its top there."""
+GROUPS = 8
+"""Groups of bands, each of which is left out once to find the deviation (jackknife)."""
 
-FEWEST_BINS = 1000
-"""Milliseconds below which chance or flicker may look like an offset."""
 
-CLEAR_PEAK = 0.3
-"""Least correlation of the rates at a credible offset."""
+class ClockOffset(NamedTuple):
+    """Seconds by which the right camera's stamps are late, and their standard deviation."""
 
-CLEAR_GAIN = 0.65
-"""What an offset leaves unexplained, as a share of what none leaves, at most."""
+    seconds: float
+    deviation: float
 
-SMALLEST_OFFSET = 4
-"""Milliseconds; the distance between the cameras alone shifts the rates by about this much."""
+    def __str__(self) -> str:
+        return f"{self.seconds:+.3f} s (within {2 * self.deviation:.3f} s)"
 
-AS_GOOD = 0.01
-"""Correlations this near to the best are as good: flicker repeats, and the least offset counts."""
+    @property
+    def is_apart(self) -> bool:
+        """Whether the clocks are apart beyond doubt."""
+        return abs(self.seconds) > 3 * self.deviation
 
 
-def clock_offset(left: NDArray[np.int64], right: NDArray[np.int64]) -> float | None:
-    """Return the delay of the right camera's stamps in seconds, or None without a clear one.
+def clock_offset(left: NDArray, right: NDArray) -> ClockOffset | None:
+    """Estimate the delay of the right camera's stamps; None without a clear one.
 
     Parameters
     ----------
     left, right
-        Numbers of events in every millisecond of the recording.
+        (B, N) numbers of events of B bands of rows in consecutive bins of `BIN` seconds.
     """
-    length = min(len(left), len(right))
-    if length < FEWEST_BINS:
+    length = min(left.shape[1], right.shape[1])
+    if length * BIN < SHORTEST:
         return None
-    reach = min(LONGEST_OFFSET, length // 4)
-    correlation = correlations(_fluctuation(left[:length]), _fluctuation(right[:length]), reach)
-    best, none = correlation.max(), correlation[reach]
-    lags = np.flatnonzero(correlation >= best - AS_GOOD) - reach
-    lag = int(lags[np.abs(lags).argmin()])
-    if abs(lag) < SMALLEST_OFFSET or best < CLEAR_PEAK or 1 - best > CLEAR_GAIN * (1 - none):
+    reach = min(round(LONGEST_OFFSET / BIN), length // 4)
+    both = _fluctuation(left[:, :length]), _fluctuation(right[:, :length])
+    products = lagged_products(*both, reach)
+    total = products.sum(axis=0) / _norm(*both, reach)
+    lag = _least_peak(total)
+    if total[lag] ** 2 <= CLEAR * 1.4826 * np.median(np.abs(total - np.median(total))):
         return None
-    near = slice(max(lag - SMALLEST_OFFSET, -reach) + reach, lag + SMALLEST_OFFSET + reach + 1)
-    return (near.start + int(correlation[near].argmax()) - reach) / 1000.0
+    scatter = float(np.hypot(_deviation(products, lag), 0.25 * _width(total, lag)))
+    seconds = BIN * (_refined(total, lag) - reach)
+    return ClockOffset(seconds, float(np.hypot(BIN * scatter, OWN_DEVIATION)))
 
 
-def events_per_millisecond(t: NDArray[np.float64], length: int = 0) -> NDArray[np.int64]:
-    """Count the events at times (N,), seconds from 0 on, in `length` milliseconds or more."""
-    return np.bincount((t * 1000).astype(np.int64), minlength=length)
+def lagged_products(left: Array, right: Array, reach: int) -> Array:
+    """Multiply the middle of left courses (B, N) with right ones, moved by -reach to reach bins.
 
-
-def correlations(
-    left: NDArray[np.float64], right: NDArray[np.float64], reach: int
-) -> NDArray[np.float64]:
-    """Correlate the middle of the left course with the right one, moved by -reach to reach.
-
-    Every one of the (2 reach + 1) correlations is of all of the middle, so that ends do not count.
+    Every one of the (B, 2 reach + 1) sums is of all of the middle, so that ends do not count.
     """
-    length, middle = len(left), left[reach : len(left) - reach]
-    spectrum = np.fft.rfft(right) * np.conj(np.fft.rfft(middle, length))
-    product = np.fft.irfft(spectrum, length)[: 2 * reach + 1]
-    energy = np.concatenate([[0.0], np.cumsum(right**2)])
-    norm = np.sqrt((energy[len(middle) :] - energy[: -len(middle)]) * (middle @ middle))
-    return np.asarray(product / np.maximum(norm, 1e-9), np.float64)
+    length = left.shape[1]
+    middle = left[:, reach : length - reach]
+    spectrum = np.fft.rfft(right, axis=1) * np.conj(np.fft.rfft(middle, length, axis=1))
+    return np.asarray(np.fft.irfft(spectrum, length, axis=1)[:, : 2 * reach + 1])
 
 
-def _fluctuation(counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the event rate without its slow part; the root limits the weight of bursts."""
-    rate = np.sqrt(counts.astype(np.float64))
-    return rate - uniform_filter1d(rate, SMOOTHING)
+def _norm(left: Array, right: Array, reach: int) -> Array:
+    """Return the factors (2 reach + 1,) between sums of products and correlations."""
+    length = left.shape[1]
+    energy = np.concatenate([[0.0], np.cumsum((right**2).sum(axis=0))])
+    moved = energy[length - 2 * reach :] - energy[: 2 * reach + 1]
+    return np.asarray(np.sqrt(moved * (left[:, reach : length - reach] ** 2).sum()) + 1e-9)
+
+
+def _least_peak(correlation: Array) -> int:
+    """Return the place of the peak nearest to the middle, of those that are as good as the best."""
+    inner = correlation[1:-1]
+    peaks = 1 + np.flatnonzero((inner >= correlation[:-2]) & (inner >= correlation[2:]))
+    good = peaks[correlation[peaks] >= AS_GOOD * correlation.max()]
+    if len(good) == 0:
+        return int(correlation.argmax())
+    return int(good[np.abs(good - len(correlation) // 2).argmin()])
+
+
+def _refined(correlation: Array, peak: int) -> float:
+    """Return the place of the parabola's top through a peak and its neighbours."""
+    if not 0 < peak < len(correlation) - 1:
+        return float(peak)
+    before, top, after = correlation[peak - 1 : peak + 2]
+    curvature = before - 2 * top + after
+    return peak + (float(np.clip(0.5 * (before - after) / curvature, -1, 1)) if curvature else 0.0)
+
+
+def _deviation(products: Array, peak: int) -> float:
+    """Return the standard deviation of a peak's place, bins, by leaving out groups of bands."""
+    total, near = products.sum(axis=0), slice(max(peak - 2 * FAST, 0), peak + 2 * FAST + 1)
+    groups = min(GROUPS, len(products))
+    without = [(total - products[k::groups].sum(axis=0))[near] for k in range(groups)]
+    places = [_refined(part, int(part.argmax())) for part in without] if groups > 1 else [0.0]
+    return float(np.sqrt(groups - 1) * np.std(places))
+
+
+def _width(correlation: Array, peak: int) -> int:
+    """Return the number of bins around a peak in which the correlation is almost as high."""
+    lower = np.flatnonzero(correlation < FLAT * correlation[peak])
+    before, after = lower[lower < peak], lower[lower > peak]
+    first = before[-1] if len(before) else -1
+    return int((after[0] if len(after) else len(correlation)) - first - 1)
+
+
+def _fluctuation(counts: NDArray) -> Array:
+    """Return rates without their slow and fast parts; the root limits the weight of bursts."""
+    rate = np.sqrt(uniform_filter1d(counts.astype(np.float64), FAST, axis=1))
+    return np.asarray(rate - uniform_filter1d(rate, SLOW, axis=1))
