@@ -13,13 +13,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import checked_array, power_spectral_density
-from factors.incremental import JointMarginals, joint_marginals
+from factors.incremental import Incremental, joint_marginals
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.kernels.between import extrapolated_jacobian_kernel, state_between_kernel
 from factors.kernels.se3 import Array, kernel
 from factors.variables import State, as_state
 
 Index = NDArray[np.int64]
+Marginals = (
+    gtsam.NonlinearFactorGraph
+    | gtsam.Marginals
+    | gtsam.ISAM2
+    | gtsam.IncrementalFixedLagSmoother
+    | Incremental
+)
+"""What knows covariances."""
 
 
 class Derivatives(NamedTuple):
@@ -78,7 +86,7 @@ class GaussianProcess:
         states: Sequence[State],
         values: gtsam.Values,
         qc: ArrayLike,
-        marginals: JointMarginals | gtsam.NonlinearFactorGraph | None = None,
+        marginals: Marginals | None = None,
     ) -> None:
         ordered = sorted((as_state("states", each) for each in states), key=lambda each: each[2])
         self.times = checked_array("states", [t for _, _, t in ordered], ())

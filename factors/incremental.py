@@ -7,26 +7,11 @@ every tenth update; and copying all values into each callback.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import gtsam
 
 from factors.factor import check_values
-from factors.kernels.se3 import Array
-
-
-class JointMarginal(Protocol):
-    """Blocks of a joint covariance: gtsam.JointMarginal."""
-
-    def at(self, row: int, column: int, /) -> Array:
-        """Return the block of two keys."""
-
-
-class JointMarginals(Protocol):
-    """What knows joint covariances: gtsam.Marginals, gtsam.ISAM2."""
-
-    def jointMarginalCovariance(self, variables: list[int], /) -> JointMarginal:
-        """Return the joint covariance of variables."""
 
 
 def isam2_parameters(relinearize_threshold: float = 1e-3) -> gtsam.ISAM2Params:

@@ -208,9 +208,9 @@ class _Interpolation:
             values.atPose3(pose_j).matrix(),
             values.atVector6(velocity_j),
         )
-        found = np.empty(54)
-        state_at_kernel(*ends, self._t, found)
-        at_t = self._values_at(values, found)
+        found, xi = np.empty(48), np.empty(6)
+        state_at_kernel(*ends, self._t, found, xi)
+        at_t = self._values_at(values, xi, found[:6])
         if jacobians is None and self._noise is None:
             return self._inner.error(at_t)
         system = self._inner.system(at_t)
@@ -244,7 +244,7 @@ class _Interpolation:
         self._blocks = blocks_of(rows, tuple(sizes.get(key, 6) for key in self._keys))
         self._columns = columns
 
-    def _values_at(self, values: gtsam.Values, state: Array) -> gtsam.Values:
+    def _values_at(self, values: gtsam.Values, xi: Array, twist: Array) -> gtsam.Values:
         """Return the values of the inner factor, the state at t among them.
 
         It is retracted from the identity, because GTSAM looks for the `insert` of a Pose3 among 45
@@ -252,9 +252,9 @@ class _Interpolation:
         """
         step = gtsam.VectorValues()
         if self._pose is not None:
-            step.insert(self._pose, state[:6])
+            step.insert(self._pose, xi)
         if self._velocity is not None:
-            step.insert(self._velocity, state[6:12])
+            step.insert(self._velocity, twist)
         found = self._identity.retract(step)
         for key, copied in self._copied:
             copied.copy(values, key, found)

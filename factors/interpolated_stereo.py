@@ -11,15 +11,9 @@ from numpy.typing import ArrayLike
 from factors.checks import Pose, checked_key, checked_pose, power_spectral_density
 from factors.factor import Factor
 from factors.jacobian_blocks import JacobianBlocks
-from factors.kernels.local_variables import (
-    chain_rule_kernel,
-    hermite_weights,
-    interpolated_local_kernel,
-    local_jacobian_kernel,
-    local_state_kernel,
-)
+from factors.kernels.between import POSE_ONLY, between_kernel, chain_kernel
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
-from factors.kernels.se3 import Array, compose_exp_kernel, copy_columns_kernel, kernel
+from factors.kernels.se3 import Array, copy_columns_kernel, kernel
 from factors.lie import se3_adjoint, se3_inverse
 from factors.stereo import (
     Camera,
@@ -62,30 +56,21 @@ def _linearized_kernel(
     The constants (10,) are the seconds after state i and before state j, the measurement and the
     intrinsics; `by_body` (6, 6) is the Jacobian of the camera's pose with respect to the body's.
     """
-    weights = hermite_weights(constants[0], constants[1])
-    local_j = local_state_kernel(T_i, T_j, v_j)
-    local = interpolated_local_kernel(v_i, local_j, weights)
-    T, T_world_cam = np.empty((4, 4)), np.zeros((4, 4))
-    compose_exp_kernel(T_i, local, T)
-    for i in range(4):
+    found, t, T_world_cam = np.empty(48), constants[:2], np.zeros((4, 4))
+    between_kernel(T_i, v_i, T_j, v_j, t, found)
+    for i in range(3):
         for k in range(4):
             for j in range(4):
-                T_world_cam[i, j] += T[i, k] * T_body_cam[k, j]
+                T_world_cam[i, j] += found[6 + 4 * i + k] * T_body_cam[k, j]
     stereo = reprojection_kernel(T_world_cam, landmark, constants[2:5], constants[5:10])
-    error = error_at(outputs, 3)
+    error, system = error_at(outputs, 3), np.zeros((7, 3)).T
     for i in range(3):
-        error[i] = stereo[i, 9]
+        error[i], system[i, 6] = stereo[i, 9], -stereo[i, 9]
+        for k in range(6):
+            for j in range(6):
+                system[i, j] += stereo[i, k] * by_body[k, j]
     if derivatives:
-        rows = np.zeros((3, 6))
-        for i in range(3):
-            for k in range(6):
-                for j in range(6):
-                    rows[i, j] += stereo[i, k] * by_body[k, j]
-        by_states_j = local_jacobian_kernel(local_j, v_j)
-        by_states = np.empty((3, 30))
-        chain_rule_kernel(rows, local, by_states_j, weights, by_states)
-        for block in range(4):
-            copy_columns_kernel(by_states, 6 * block, jacobian_at(outputs, block, 3, 6))
+        chain_kernel(v_j, t, found, system, POSE_ONLY, outputs)
         copy_columns_kernel(stereo, 6, jacobian_at(outputs, 4, 3, 3))
 
 

@@ -26,12 +26,29 @@ from factors.kernels.se3 import (
     kernel,
     log_kernel,
     polynomial_derivative_kernel,
+    product_kernel,
     relative_kernel,
     se3_polynomial_kernel,
 )
 from factors.kernels.triangular import factorize_kernel, solve_lower_kernel
 
 Index = NDArray[np.int64]
+
+POSE_ONLY = np.array([0, -1])
+"""Places of the pose and the twist, see `chain_kernel`."""
+
+
+@inner_kernel
+def state_by_local_kernel(local: Array) -> Array:
+    """Compute the Jacobian (12, 12) of the pose T_i Exp(xi) and the twist Jr(xi) w by (xi, w)."""
+    k = jacobian_coefficients_kernel(local, RIGHT)
+    jacobian, result = se3_polynomial_kernel(local, k), np.zeros((12, 12))
+    turning = polynomial_derivative_kernel(local, k, local[6:])
+    for i in range(6):
+        for j in range(6):
+            result[i, j] = result[6 + i, 6 + j] = jacobian[i, j]
+            result[6 + i, j] = turning[i, j]
+    return result
 
 
 @inner_kernel
@@ -40,19 +57,8 @@ def retracted_jacobian_kernel(local: Array, by_local: Array) -> Array:
 
     `by_local` (12, n) is that of (xi, w), and the first six of the n columns are T_i's.
     """
-    k = jacobian_coefficients_kernel(local, RIGHT)
-    jacobian = se3_polynomial_kernel(local, k)
-    twist_by_xi = polynomial_derivative_kernel(local, k, local[6:])
-    by_pose_i = backward_adjoint_kernel(local)
-    result = np.zeros((12, by_local.shape[1]))
-    for i in range(6):
-        for j in range(6):
-            result[i, j] = by_pose_i[i, j]
-        for k in range(6):
-            for j in range(by_local.shape[1]):
-                result[i, j] += jacobian[i, k] * by_local[k, j]
-                result[6 + i, j] += twist_by_xi[i, k] * by_local[k, j]
-                result[6 + i, j] += jacobian[i, k] * by_local[6 + k, j]
+    result = product_kernel(state_by_local_kernel(local), by_local)
+    result[:6, :6] += backward_adjoint_kernel(local)
     return result
 
 
@@ -96,27 +102,34 @@ def extrapolated_jacobian_kernel(v: Array, dt: float) -> Array:
     return retracted_jacobian_kernel(local, by_local)
 
 
-@kernel
-def state_at_kernel(T_i: Array, v_i: Array, T_j: Array, v_j: Array, t: Array, found: Array) -> None:
-    """Write the state at the time t[0] after state i and t[1] before state j to `found` (54,).
+@inner_kernel
+def between_kernel(T_i: Array, v_i: Array, T_j: Array, v_j: Array, t: Array, found: Array) -> None:
+    """Write the state at the time t[0] after state i and t[1] before state j to `found` (48,).
 
-    That is the logarithm of the pose, the twist, and the first three rows of the pose; and what
-    `chain_kernel` needs: the local variables of state j, p and q (3, 2) of their Jr(xi)^-1, and the
-    local variables at t.
+    That is the twist and the first three rows of the pose; and what `chain_kernel` needs: the local
+    variables of state j, p and q (3, 2) of their Jr(xi)^-1, and the local variables at t.
     """
     T = np.empty((4, 4))
     local_j, inverse = local_of_relative_kernel(relative_kernel(T_i, T_j), v_j)
     local = interpolated_local_kernel(v_i, local_j, hermite_weights(t[0], t[1]))
-    retract_kernel(T_i, local, T, found[6:12])
-    xi = log_kernel(T)
-    for i in range(6):
-        found[i] = xi[i]
+    retract_kernel(T_i, local, T, found[:6])
     for i in range(3):
-        found[36 + 2 * i], found[37 + 2 * i] = inverse[i, 0], inverse[i, 1]
+        found[30 + 2 * i], found[31 + 2 * i] = inverse[i, 0], inverse[i, 1]
         for j in range(4):
-            found[12 + 4 * i + j] = T[i, j]
+            found[6 + 4 * i + j] = T[i, j]
     for i in range(12):
-        found[24 + i], found[42 + i] = local_j[i], local[i]
+        found[18 + i], found[36 + i] = local_j[i], local[i]
+
+
+@kernel
+def state_at_kernel(
+    T_i: Array, v_i: Array, T_j: Array, v_j: Array, t: Array, found: Array, xi: Array
+) -> None:
+    """Do the same, and write the logarithm of the pose to xi (6,)."""
+    between_kernel(T_i, v_i, T_j, v_j, t, found)
+    log = log_kernel(found[6:18].reshape(3, 4))
+    for i in range(6):
+        xi[i] = log[i]
 
 
 @kernel
@@ -125,7 +138,7 @@ def chain_kernel(
 ) -> None:
     """Write the error (m,) of a system [J, -e] (m, n + 1), and its Jacobians (m, 6) by both ends.
 
-    `found` is of `state_at_kernel`; `places` are the first columns in J of the pose and of the
+    `found` is of `between_kernel`; `places` are the first columns in J of the pose and of the
     twist at t, -1 if there is none.
     """
     m, last, pose, twist = len(system), system.shape[1] - 1, places[0], places[1]
@@ -136,7 +149,7 @@ def chain_kernel(
     )
     by_T_j, by_v_j = jacobian_at(outputs, 2, m, 6), jacobian_at(outputs, 3, m, 6)
     share = hermite_weights(t[0], t[1])
-    local_j, inverse, local = found[24:36], found[36:42].reshape(3, 2), found[42:]
+    local_j, inverse, local = found[18:30], found[30:36].reshape(3, 2), found[36:]
     left, right, rate_by_xi = local_polynomials_kernel(local_j, inverse, v_j, EXACT)
     k = jacobian_coefficients_kernel(local, RIGHT)
     jacobian, adjoint = se3_polynomial_kernel(local, k), backward_adjoint_kernel(local)
@@ -214,7 +227,7 @@ def whiten_between_kernel(
 
     Its covariance (m, m) is increased by that of the state between, given both ends.
     """
-    m, T, v = len(system), found[12:24].reshape(3, 4), found[6:12]
+    m, T, v = len(system), found[6:18].reshape(3, 4), found[:6]
     total = covariance.copy()
     if t[0] > 0 and t[1] > 0:
         root = information_between_kernel(T_i, v_i, T, v, T_j, v_j, t, W)

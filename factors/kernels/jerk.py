@@ -24,6 +24,7 @@ from factors.kernels.se3 import (
     kernel,
     log_kernel,
     polynomial_derivative_kernel,
+    product_kernel,
     relative_kernel,
     se3_polynomial_kernel,
 )
@@ -45,16 +46,6 @@ def along_kernel(xi: Array, w: Array, v: Array) -> tuple[Array, Array]:
         for j in range(6):
             first[i, j], second[i, j] = inverse[i, j].imag / _STEP, derivative[i, j].imag / _STEP
     return first, second
-
-
-@inner_kernel
-def _product(A: Array, B: Array) -> Array:
-    C = np.zeros((A.shape[0], B.shape[1]))
-    for i in range(A.shape[0]):
-        for k in range(A.shape[1]):
-            for j in range(B.shape[1]):
-                C[i, j] += A[i, k] * B[k, j]
-    return C
 
 
 @kernel
@@ -79,10 +70,10 @@ def local_motion_kernel(T_i: Array, T_j: Array, v_j: Array, a_j: Array) -> Array
         for j in range(6):
             result[i, j], result[i, 6 + j] = -left[i, j], right[i, j]
     # w = Jr^-1 v and u = Jr^-1 a + (dw/dxi) w, both of xi: one chain rule after the other.
-    result[6:12, :12] = _product(w_by_xi, result[:6, :12])
+    result[6:12, :12] = product_kernel(w_by_xi, result[:6, :12])
     result[6:12, 12:18] = right
-    result[12:, :18] = _product(w_by_xi, result[6:12, :18])
-    result[12:, :12] += _product(u_by_xi, result[:6, :12])
+    result[12:, :18] = product_kernel(w_by_xi, result[6:12, :18])
+    result[12:, :12] += product_kernel(u_by_xi, result[:6, :12])
     result[12:, 12:18] += u_by_v
     result[12:, 18:24] = right
     for i in range(6):

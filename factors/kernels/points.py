@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.kernels.between import chain_kernel, state_at_kernel, whiten_between_kernel
+from factors.kernels.between import (
+    POSE_ONLY,
+    between_kernel,
+    chain_kernel,
+    whiten_between_kernel,
+)
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
 from factors.kernels.se3 import Array, inner_kernel, kernel
-
-_POSE_ONLY = np.array([0, -1])  # see `chain_kernel`
 
 
 @inner_kernel
@@ -61,9 +64,9 @@ def point_between_kernel(
     They are whitened by the covariance `noise` (m, m) of the measurement and that of the state
     between, see `whiten_between_kernel`; not, if it is (0, 0).
     """
-    found = np.empty(54)
-    state_at_kernel(T_i, v_i, T_j, v_j, t, found)
-    system = _system_kernel(found[12:24].reshape(3, 4), p, lines)
+    found = np.empty(48)
+    between_kernel(T_i, v_i, T_j, v_j, t, found)
+    system = _system_kernel(found[6:18].reshape(3, 4), p, lines)
     if len(noise):
-        whiten_between_kernel(T_i, v_i, T_j, v_j, t, noise, W, _POSE_ONLY, found, system)
-    chain_kernel(v_j, t, found, system, _POSE_ONLY, outputs)
+        whiten_between_kernel(T_i, v_i, T_j, v_j, t, noise, W, POSE_ONLY, found, system)
+    chain_kernel(v_j, t, found, system, POSE_ONLY, outputs)

@@ -143,22 +143,33 @@ def se3_polynomial_kernel(xi: Array, k: Array) -> Array:
 
 
 @inner_kernel
-def polynomial_product_kernel(xi: Array, k: Array, w: Array) -> Array:
-    """Compute (1 + p W + q W^2) w (6,) on dual numbers; names that start with d are dual parts."""
+def _dual_parts_kernel(xi: Array, w: Array) -> tuple[Array, Array]:
+    """Compute W w and W^2 w on dual numbers, (6,) each: W^2 w = phi (phi . w) - s w."""
     s = xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
     ds = 2 * (xi[0] * xi[3] + xi[1] * xi[4] + xi[2] * xi[5])
     dot = xi[0] * w[0] + xi[1] * w[1] + xi[2] * w[2]
     ddot = xi[0] * w[3] + xi[1] * w[4] + xi[2] * w[5] + xi[3] * w[0] + xi[4] * w[1] + xi[5] * w[2]
-    p, q, dp, dq = k[0, 0], k[0, 1], ds * k[1, 0], ds * k[1, 1]
-    result = np.empty(6)
+    once, twice = np.empty(6, xi.dtype), np.empty(6, xi.dtype)
     for i in range(3):
         a, b = (i + 1) % 3, (i + 2) % 3
-        cross = xi[a] * w[b] - xi[b] * w[a]
-        dcross = xi[a] * w[3 + b] - xi[b] * w[3 + a] + xi[3 + a] * w[b] - xi[3 + b] * w[a]
-        square = xi[i] * dot - s * w[i]
-        dsquare = xi[i] * ddot + xi[3 + i] * dot - s * w[3 + i] - ds * w[i]
-        result[i] = w[i] + p * cross + q * square
-        result[3 + i] = w[3 + i] + p * dcross + dp * cross + q * dsquare + dq * square
+        once[i] = xi[a] * w[b] - xi[b] * w[a]
+        once[3 + i] = xi[a] * w[3 + b] - xi[b] * w[3 + a] + xi[3 + a] * w[b] - xi[3 + b] * w[a]
+        twice[i] = xi[i] * dot - s * w[i]
+        twice[3 + i] = xi[i] * ddot + xi[3 + i] * dot - s * w[3 + i] - ds * w[i]
+    return once, twice
+
+
+@inner_kernel
+def polynomial_product_kernel(xi: Array, k: Array, w: Array) -> Array:
+    """Compute (1 + p W + q W^2) w (6,) on dual numbers; names that start with d are dual parts."""
+    ds = 2 * (xi[0] * xi[3] + xi[1] * xi[4] + xi[2] * xi[5])
+    p, q, dp, dq = k[0, 0], k[0, 1], ds * k[1, 0], ds * k[1, 1]
+    once, twice = _dual_parts_kernel(xi, w)
+    result = np.empty(6)
+    for i in range(3):
+        result[i] = w[i] + p * once[i] + q * twice[i]
+        result[3 + i] = w[3 + i] + p * once[3 + i] + q * twice[3 + i]
+        result[3 + i] += dp * once[i] + dq * twice[i]
     return result
 
 
@@ -169,20 +180,16 @@ def polynomial_derivative_kernel(xi: Array, k: Array, w: Array) -> Array:
     On SO(3) it is -p [w] + q (phi.w + phi w^T - 2 w phi^T) + 2 (p' phi x w + q' W^2 w) phi^T. Here
     the same formula is evaluated on dual numbers; names that start with d are dual parts.
     """
-    s = xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
     ds = 2 * (xi[0] * xi[3] + xi[1] * xi[4] + xi[2] * xi[5])
     dot = xi[0] * w[0] + xi[1] * w[1] + xi[2] * w[2]
     ddot = xi[0] * w[3] + xi[1] * w[4] + xi[2] * w[5] + xi[3] * w[0] + xi[4] * w[1] + xi[5] * w[2]
     p, q, dp, dq = k[0, 0], k[0, 1], ds * k[1, 0], ds * k[1, 1]
+    once, twice = _dual_parts_kernel(xi, w)
     D = np.zeros((6, 6), xi.dtype)
     for i in range(3):
-        a, b = (i + 1) % 3, (i + 2) % 3
-        cross = xi[a] * w[b] - xi[b] * w[a]
-        dcross = xi[a] * w[3 + b] - xi[b] * w[3 + a] + xi[3 + a] * w[b] - xi[3 + b] * w[a]
-        square = xi[i] * dot - s * w[i]
-        dsquare = xi[i] * ddot + xi[3 + i] * dot - s * w[3 + i] - ds * w[i]
-        u = k[1, 0] * cross + k[1, 1] * square
-        du = k[1, 0] * dcross + k[1, 1] * dsquare + ds * (k[2, 0] * cross + k[2, 1] * square)
+        u = k[1, 0] * once[i] + k[1, 1] * twice[i]
+        du = k[1, 0] * once[3 + i] + k[1, 1] * twice[3 + i]
+        du += ds * (k[2, 0] * once[i] + k[2, 1] * twice[i])
         for j in range(3):
             outer = xi[i] * w[j] - 2 * w[i] * xi[j]
             douter = xi[i] * w[3 + j] - 2 * w[3 + i] * xi[j]
@@ -298,6 +305,17 @@ def relative_kernel(T_i: Array, T_j: Array) -> Array:
             T[i, 3] += T_i[k, i] * (T_j[k, 3] - T_i[k, 3])
     T[3, 3] = 1.0
     return T
+
+
+@inner_kernel
+def product_kernel(A: Array, B: Array) -> Array:
+    """Multiply two matrices."""
+    C = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            for j in range(B.shape[1]):
+                C[i, j] += A[i, k] * B[k, j]
+    return C
 
 
 @inner_kernel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.kernels.between import interpolated_jacobian_kernel
+from factors.kernels.between import interpolated_jacobian_kernel, state_by_local_kernel
 from factors.kernels.local_variables import (
     backward_adjoint_kernel,
     chain_rule_kernel,
@@ -15,13 +15,8 @@ from factors.kernels.local_variables import (
     retract_kernel,
 )
 from factors.kernels.se3 import (
-    RIGHT,
     Array,
-    inner_kernel,
-    jacobian_coefficients_kernel,
     kernel,
-    polynomial_derivative_kernel,
-    se3_polynomial_kernel,
 )
 from factors.structureless.landmark_kernels import (
     Index,
@@ -210,19 +205,6 @@ def states_between_kernel(
         retract_kernel(T_states[i], local, T[n], v[n])
 
 
-@inner_kernel
-def _local_to_state_kernel(T_i: Array, local: Array, T: Array, v: Array, by_local: Array) -> None:
-    """Write the pose T_i Exp(xi) and the twist Jr(xi) w, and their Jacobian by (xi, w)."""
-    retract_kernel(T_i, local, T, v)
-    k = jacobian_coefficients_kernel(local, RIGHT)
-    jacobian = se3_polynomial_kernel(local, k)
-    turning = polynomial_derivative_kernel(local, k, local[6:])
-    for i in range(6):
-        for j in range(6):
-            by_local[i, j] = by_local[6 + i, 6 + j] = jacobian[i, j]
-            by_local[6 + i, j] = turning[i, j]
-
-
 @kernel
 def state_rows_kernel(
     T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: Array, b: Array, deviation: Array
@@ -241,7 +223,8 @@ def state_rows_kernel(
     for n in range(count):
         share = hermite_weights(a[n], b[n])
         local = interpolated_local_kernel(v_i, local_j, share) + deviation[n]
-        _local_to_state_kernel(T_i, local, T[n], v[n], by_local[n])
+        retract_kernel(T_i, local, T[n], v[n])
+        by_local[n] = state_by_local_kernel(local)
         by_pose_i[n] = backward_adjoint_kernel(local)
         by_states[n] = interpolated_jacobian_kernel(by_states_j, share)
     return T, v, by_local, by_pose_i, by_states
