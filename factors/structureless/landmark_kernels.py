@@ -20,6 +20,9 @@ from factors.kernels.se3 import Array, compose_exp_kernel, inner_kernel, kernel
 from factors.structureless.robust_losses import loss_kernel
 
 Index = NDArray[np.int64]
+Pair = tuple[Array, Array]
+Work = tuple[Array, Array, Array]
+Known = tuple[Array, Array, Array, Array]
 
 # Squared distance to the optimum in standard deviations, of one and the cost, of the last step.
 _CONVERGED = 1e-12
@@ -72,35 +75,18 @@ def landmarks_kernel(
     """
     found, trial, distances = coordinates.copy(), coordinates.copy(), np.empty(len(T))
     system, step, factors = np.empty((7, 4)), np.zeros(3), np.empty((2, 3, 3))
-    h, by_h, rows = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
-    T_prior, unit = T_first.reshape(1, 4, 4), np.array([1.0, 1.0, 0.0, 0.0, 1.0])
+    work, tried = (np.empty(3), np.empty((3, 3)), np.empty((3, 10))), (charts, trial)
+    known = seen, root, offset, np.array([1.0, 1.0, 0.0, 0.0, 1.0])
+    T_prior, sensor = T_first.reshape(1, 4, 4), (camera, whitening)
     for k in range(len(found)):
         left, before, scale, settled = steps, np.inf, 1.0, False
         while True:
-            _system_kernel(
-                T,
-                charts,
-                trial,
-                k,
-                start[k],
-                start[k + 1],
-                prior[k],
-                measured,
-                camera,
-                whitening,
-                weights,
-                loss,
-                T_prior,
-                seen,
-                root,
-                offset,
-                unit,
-                h,
-                by_h,
-                rows,
-                system,
-                distances,
-            )
+            system[:] = 0.0
+            if prior[k] >= 0:
+                _add_prior_kernel(T_prior, tried, k, known, prior[k], work, system)
+            for n in range(start[k], start[k + 1]):
+                landmark_rows_kernel(T, n, tried, k, measured, n, sensor, work)
+                _add_measurement_kernel(work[2], n, weights, loss, system, distances)
             last = settled or scale == 0.0
             if last or system[6, 0] <= before:
                 for i in range(3):
@@ -119,27 +105,18 @@ def landmarks_kernel(
 
 @inner_kernel
 def landmark_rows_kernel(
-    T: Array,
-    i: int,
-    charts: Array,
-    coordinates: Array,
-    k: int,
-    measured: Array,
-    n: int,
-    camera: Array,
-    whitening: Array,
-    h: Array,
-    by_h: Array,
-    rows: Array,
+    T: Array, i: int, landmarks: Pair, k: int, measured: Array, n: int, sensor: Pair, work: Work
 ) -> None:
     """Write the whitened error to column 9 of rows (3, 10), its Jacobian of q to columns 6 to 8.
 
     It is the error of measurement n of landmark k, of coordinates q, from the pose i: numbers,
-    because slices of arrays cost more than the arithmetic. Written are also the point h (3,) in the
-    camera's frame, times the inverse depth in the chart, and the Jacobian by_h (3, 3) of the error
-    with respect to h. Behind the camera there is a large constant error without Jacobians, as in
-    GTSAM's own stereo factor; a NaN stays one.
+    because slices of arrays cost more than the arithmetic. Landmarks are charts and coordinates,
+    the sensor a camera and what whitens. Work is h (3,), the point in the camera's frame, times the
+    inverse depth in the chart, the Jacobian by_h (3, 3) of the error by h, and rows. Behind the
+    camera there is a large constant error without Jacobians, as in GTSAM's own stereo factor; a NaN
+    stays one.
     """
+    (charts, coordinates), (camera, whitening), (h, by_h, rows) = landmarks, sensor, work
     fx, fy, cx, cy, baseline = camera[0], camera[1], camera[2], camera[3], camera[4]
     dx, dy = charts[k, 0, 3] - T[i, 0, 3], charts[k, 1, 3] - T[i, 1, 3]
     ahead = dx, dy, charts[k, 2, 3] - T[i, 2, 3]
@@ -189,28 +166,15 @@ def _seen_kernel(
 
 
 @inner_kernel
-def prior_rows_kernel(
-    T: Array,
-    charts: Array,
-    coordinates: Array,
-    k: int,
-    seen: Array,
-    root: Array,
-    offset: Array,
-    n: int,
-    unit: Array,
-    h: Array,
-    by_h: Array,
-    rows: Array,
-) -> None:
+def prior_rows_kernel(T: Array, landmarks: Pair, k: int, known: Known, n: int, work: Work) -> None:
     """Write the error root ((x / z, y / z, 1 / z)(T) - seen) + offset and its derivatives.
 
-    Of the prior number n, from the only pose T (1, 4, 4). The unit camera (1, 1, 0, 0, 1), of focal
-    length and baseline one, measures just these coordinates. The other arguments are those of
-    `landmark_rows_kernel`.
+    Of the prior number n, from the only pose T (1, 4, 4). Known are seen (P, 3), root (P, 3, 3),
+    offset (P, 3), and the unit camera (1, 1, 0, 0, 1), of focal length and baseline one, which
+    measures just these coordinates. The others are those of `landmark_rows_kernel`.
     """
-    i = len(T) - 1
-    landmark_rows_kernel(T, i, charts, coordinates, k, seen, n, unit, root[n], h, by_h, rows)
+    (seen, root, offset, unit), rows, i = known, work[2], len(T) - 1
+    landmark_rows_kernel(T, i, landmarks, k, seen, n, (unit, root[n]), work)
     for r in range(3):
         rows[r, 9] += offset[n, r]
 
@@ -235,53 +199,31 @@ def pose_rows_kernel(
 
 
 @inner_kernel
-def _system_kernel(
-    T: Array,
-    charts: Array,
-    coordinates: Array,
-    k: int,
-    first: int,
-    last: int,
-    prior: int,
-    measured: Array,
-    camera: Array,
-    whitening: Array,
-    weights: Array,
-    loss: Array,
-    T_prior: Array,
-    seen: Array,
-    root: Array,
-    offset: Array,
-    unit: Array,
-    h: Array,
-    by_h: Array,
-    rows: Array,
-    system: Array,
-    distances: Array,
+def _add_prior_kernel(
+    T: Array, landmarks: Pair, k: int, known: Known, n: int, work: Work, system: Array
 ) -> None:
-    """Write [AᵀA Aᵀe] (3, 4) of reweighted least squares, what Newton's method adds, and the cost.
+    """Add the squared error of the prior number n, see `_add_measurement_kernel`."""
+    prior_rows_kernel(T, landmarks, k, known, n, work)
+    rows = work[2]
+    system[6, 0] += 0.5 * (rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2)
+    _add_square_kernel(rows, 1.0, 0.0, system)
 
-    The second is the second derivative of the loss along the error, less the weight. The norms of
-    the errors are written to `distances`.
+
+@inner_kernel
+def _add_measurement_kernel(
+    rows: Array, n: int, weights: Array, loss: Array, system: Array, distances: Array
+) -> None:
+    """Add [AᵀA Aᵀe] (3, 4) of reweighted least squares, what Newton's method adds, and the cost.
+
+    The second is the second derivative of the loss along the error, less the weight. The norm of
+    the error is written to `distances`.
     """
-    system[:] = 0.0
-    if prior >= 0:
-        prior_rows_kernel(
-            T_prior, charts, coordinates, k, seen, root, offset, prior, unit, h, by_h, rows
-        )
-        square = rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2
-        system[6, 0] += 0.5 * square
-        _add_square_kernel(rows, 1.0, 0.0, system)
-    for n in range(first, last):
-        landmark_rows_kernel(
-            T, n, charts, coordinates, k, measured, n, camera, whitening, h, by_h, rows
-        )
-        square = rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2
-        distances[n] = np.sqrt(square)
-        cost, weight, second = loss_kernel(square, loss)
-        system[6, 0] += weights[n] * cost
-        along = weights[n] * (second - weight) / square if second < weight else 0.0
-        _add_square_kernel(rows, weights[n] * weight, along, system)
+    square = rows[0, 9] ** 2 + rows[1, 9] ** 2 + rows[2, 9] ** 2
+    distances[n] = np.sqrt(square)
+    cost, weight, second = loss_kernel(square, loss)
+    system[6, 0] += weights[n] * cost
+    along = weights[n] * (second - weight) / square if second < weight else 0.0
+    _add_square_kernel(rows, weights[n] * weight, along, system)
 
 
 @inner_kernel

@@ -59,12 +59,12 @@ def prior_system_kernel(
     """
     state = rows.shape[2] - 13
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
-    unit, zero = np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros((len(rows), 3))
-    T = T_first.reshape(1, 4, 4)
+    known = seen, root, np.zeros((len(rows), 3)), np.array([1.0, 1.0, 0.0, 0.0, 1.0])
+    T, landmarks = T_first.reshape(1, 4, 4), (charts, coordinates)
     for k in range(len(prior)):
         p = prior[k]
         if p >= 0:
-            prior_rows_kernel(T, charts, coordinates, k, seen, root, zero, p, unit, h, by_h, found)
+            prior_rows_kernel(T, landmarks, k, known, p, (h, by_h, found))
             pose_rows_kernel(coordinates[k, 2], h, by_h, 1.0, found)
             for r in range(3):
                 rows[p, r, -1] += found[r, 9]
@@ -118,10 +118,10 @@ def known_from_kernel(
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
     noise, inverse = np.empty((3, 3)), np.empty((3, 3))
     zero, eye = np.zeros((1, 3)), np.eye(3).reshape(1, 3, 3)
-    unit, width = np.array([1.0, 1.0, 0.0, 0.0, 1.0]), rows.shape[2]
-    T = T_now.reshape(1, 4, 4)
+    known, width = (zero, eye, zero, np.array([1.0, 1.0, 0.0, 0.0, 1.0])), rows.shape[2]
+    T, landmarks = T_now.reshape(1, 4, 4), (charts, coordinates)
     for k in range(len(seen)):
-        prior_rows_kernel(T, charts, coordinates, k, zero, eye, zero, 0, unit, h, by_h, found)
+        prior_rows_kernel(T, landmarks, k, known, 0, (h, by_h, found))
         pose_rows_kernel(coordinates[k, 2], h, by_h, 1.0, found)
         _inverse_kernel(found, inverse)
         for i in range(3):

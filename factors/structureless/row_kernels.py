@@ -54,12 +54,11 @@ def measurement_rows_kernel(
         by_states_j[i] = local_jacobian_kernel(local_j[i], v_states[i + 1])
     result, by_landmark = np.empty((len(order), 3, 31)), np.empty((len(order), 3, 3))
     h, by_h, rows, chained = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.empty((3, 30))
+    landmarks, sensor, work = (charts, coordinates), (camera, whitening), (h, by_h, rows)
     for m in range(len(order)):
         n = order[m]
         i, k = first[n], of[n]
-        landmark_rows_kernel(
-            T, n, charts, coordinates, k, measured, n, camera, whitening, h, by_h, rows
-        )
+        landmark_rows_kernel(T, n, landmarks, k, measured, n, sensor, work)
         pose_rows_kernel(coordinates[k, 2], h, by_h, weights[n], rows)
         share = hermite_weights(a[n], b[n])
         local = interpolated_local_kernel(v_states[i], local_j[i], share)
