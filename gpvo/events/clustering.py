@@ -18,6 +18,7 @@ from gpvo.events.cluster_length import ClusterLength
 from gpvo.events.flashes import FlashDetector
 from gpvo.events.noise_filter import EventFilter
 from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
+from gpvo.second_thread import both
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +139,8 @@ class Clustering:
             yield from self.end()
             self._start = batch.start
         self._end = batch.stop
-        for side, events in zip(self._sides, (batch.left, batch.right), strict=True):
-            side.add(events)
+        left, right = self._sides
+        both(lambda: left.add(batch.left), lambda: right.add(batch.right))
         while (stop := self._next_stop()) <= self._end:
             yield from self._without_flashes(self._take(stop))
 

@@ -9,7 +9,9 @@ from gpvo.recordings.streams import EventBlock
 CAUGHT_UP = 0.03
 """Age of what waits at which the computer has caught up, seconds; a cluster makes it older."""
 HURRY = 0.3
-"""Time without having caught up after which more is shed, and again, seconds."""
+"""Time without having caught up after which something is shed, seconds."""
+AGAIN = 0.15
+"""Time after which more is shed if that does not suffice, seconds."""
 PATIENCE = 0.5
 """Time after which less is shed if it catches up, seconds."""
 LONGEST = 0.5
@@ -59,7 +61,7 @@ class Load:
         if age < CAUGHT_UP:
             self._caught_up = now
         is_behind, unchanged = now - self._caught_up > HURRY, now - self._changed
-        if is_behind and unchanged > HURRY:
+        if is_behind and unchanged > AGAIN:
             self._change(1, now)
         elif not is_behind and unchanged > PATIENCE:
             self._change(-1, now)

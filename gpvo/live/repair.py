@@ -52,15 +52,21 @@ class CameraRepair:
         block = self._without_islands(block)
         jumped = self._follow_jump(int(block.t_ns[0]), arrival)
         t_ns = block.t_ns + self._shift_ns
-        order = np.argsort(t_ns, kind="stable")
-        late = t_ns[order] < (t_ns[0] if self._newest_ns is None else self._newest_ns)
-        self._count("events out of order of time were sorted", int((np.diff(t_ns) < 0).sum()))
-        self._count("events that came too late were left out", int(late.sum()))
-        order = order[~late]
-        block = EventBlock(block.x[order], block.y[order], t_ns[order], block.polarity[order])
+        block = self._in_order(EventBlock(block.x, block.y, t_ns, block.polarity))
         if len(block):
             self._newest_ns, self._arrival = int(block.t_ns[-1]), arrival
         return block, jumped
+
+    def _in_order(self, block: EventBlock) -> EventBlock:
+        """Sort a block's events, and leave out those that come too late."""
+        begin = block.t_ns[0] if self._newest_ns is None else self._newest_ns
+        steps_back = int((np.diff(block.t_ns) < 0).sum())
+        late = block.t_ns < begin
+        self._count("events out of order of time were sorted", steps_back)
+        self._count("events that came too late were left out", int(late.sum()))
+        if late.any():
+            block = block[~late]
+        return block[np.argsort(block.t_ns, kind="stable")] if steps_back else block
 
     def _inside(self, block: EventBlock) -> EventBlock:
         width, height = self._camera.resolution
