@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -11,6 +11,7 @@ from gtsam.symbol_shorthand import L, V, X
 from numpy.typing import NDArray
 
 from factors import StereoCamera, gauss_newton_parameters, isam2_parameters, optimize
+from gpvo.estimator.dead_reckoning import DeadReckoning
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.isam2 import insert_states, joint_covariance, states_of
 from gpvo.estimator.state_times import SAME_TIME
@@ -34,20 +35,25 @@ class Window:
         Of landmarks that are measured at least twice.
     first_covariance
         (12, 12) of the first state's pose and twist, for its priors.
+    reckoning
+        How the motion goes on where nothing measures it.
     """
 
     states: States
     measurements: Measurements
     first_covariance: Array
+    reckoning: DeadReckoning = field(default_factory=lambda: DeadReckoning(0.0))
 
     def graph(self, build: GraphBuilder) -> gtsam.NonlinearFactorGraph:
         """Make the priors on the first state, WNOA priors, and reprojection factors."""
         numbers, states = range(len(self.states)), self.states
+        density = self.reckoning.densities(states.t, build.qc)
         first = states.T_world_cam[0], states.twist[0], self.first_covariance
         graph = gtsam.NonlinearFactorGraph()
         for factor in (
             *build.prior_on_first_state(0, *first),
-            *build.motion(numbers, states.t),
+            *build.motion(numbers, states.t, density),
+            *self.reckoning.at_rest(numbers, states.t),
             *build.reprojection(numbers, states.t, self.measurements),
         ):
             graph.push_back(factor)

@@ -11,6 +11,7 @@ from factors import StereoCamera
 from factors.lie import se3_inverse
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.batch_graph import Window
+from gpvo.estimator.dead_reckoning import DeadReckoning
 from gpvo.estimator.diagnostics import (
     Diagnostic,
     diagnostics_of,
@@ -54,7 +55,7 @@ class SlidingWindow:
         self.diagnostics: list[Diagnostic] = []
         self._config = config or EstimatorConfig()
         self._build = GraphBuilder(camera, noise or NoiseConfig(), self._config)
-        self._lag = Lag(self._config)
+        self._lag, self._reckoning = Lag(self._config), DeadReckoning(self._config.bridge)
         self._final: list[States] = []
         self._states = States()
         self._knots: list[CovarianceKnots] = []
@@ -69,8 +70,8 @@ class SlidingWindow:
     ) -> None:
         """Take the inlier measurements that a cluster added, which ended at `end_time`, seconds.
 
-        Without any, the prior carries the estimate on to its end. `velocity_estimate`, if given,
-        is where the new states start from.
+        Without any, the prior carries the estimate on to its end; see `DeadReckoning`.
+        `velocity_estimate`, if given, is where the new states start from.
 
         Raises
         ------
@@ -86,8 +87,8 @@ class SlidingWindow:
             self._states = start_states(
                 start, velocity_estimate, InitialState.at_origin(self._build.noise)
             )
-        earlier = self._measurements
-        self._add(end_time, self._accepted(usable))
+        earlier, accepted = self._measurements, self._accepted(usable)
+        self._add(end_time, accepted)
         t = self._window_times()
         if len(t) < 2:
             return
@@ -96,7 +97,9 @@ class SlidingWindow:
         if final:
             self._knots.append(self._knots_until(t[0], earlier))
             self._final.append(self._states[:final])
+            self._reckoning.forget(t[0])
         self._states = optimized
+        self._reckoning.measured(end_time, optimized.twist[-1], len(accepted))
 
     @property
     def states(self) -> States:
@@ -126,7 +129,8 @@ class SlidingWindow:
         """States at times t (K,); without the measurements if these do not determine them."""
         ahead = velocity_ahead(self._states, t[-1], velocity_estimate, self._build.noise)
         covariance = np.diag(self._first_deviations**2)
-        window = Window(self._states.at(t, ahead), seen_twice(self._measurements), covariance)
+        known = seen_twice(self._measurements)
+        window = Window(self._states.at(t, ahead), known, covariance, self._reckoning)
         while True:
             try:
                 return window.optimize(self._build)
@@ -176,6 +180,8 @@ class SlidingWindow:
         known = Measurements.concatenate([self._measurements, measurements])
         known = known[known.t >= self._states.t[0]]
         self._measurements = known[known.t > self._lag.start]
+        if np.isfinite(self._lag.stop):
+            self._reckoning.extend(self._lag.stop, max(stop, self._lag.stop))
         self._lag.advance(stop)
         if len(measurements) == 0 or len(self._measurements) == 0:
             self._coasting = np.append(self._coasting, self._lag.stop)
@@ -199,6 +205,7 @@ class SlidingWindow:
             self._build,
             self._config.covariance_interval,
             self._first_deviations,
+            self._reckoning,
         )
 
 
@@ -210,6 +217,7 @@ def _knots_after(
     build: GraphBuilder,
     interval: float,
     first_deviations: Array,
+    reckoning: DeadReckoning,
 ) -> CovarianceKnots:
     """Knots from the last known one to the state at `stop`, given the measurements around it.
 
@@ -228,6 +236,7 @@ def _knots_after(
         states.at(t),
         seen_twice(measurements[inside]),
         _start_covariance(known, first_deviations),
+        reckoning,
     )
     covariance = window.covariance(build, 1 + len(final))
     return CovarianceKnots(t[: 1 + len(final)], pairs_of_neighbours(covariance))
