@@ -10,6 +10,7 @@ import pytest
 from graphs import assert_derivatives_match, random_states, seeds
 from gtsam.symbol_shorthand import B, U, V, X
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from factors import (
@@ -123,6 +124,33 @@ def test_errors_and_worlds_that_it_does_not_know_are_refused() -> None:
             data.integrateMeasurement(*measured(k * DT / 10), DT / 10)
         with pytest.raises(ValueError, match="Logmap"):
             ImuFactor(data, *STATES, B(0))
+
+
+@given(seed=seeds, exponent=st.floats(-4, 0.5))
+@settings(deadline=None, max_examples=30)
+def test_it_is_exact_from_a_tenth_of_a_millisecond_to_seconds(seed: int, exponent: float) -> None:
+    """And at large rotations and biases, where the error and its Jacobians are large, too."""
+    rng, dt = np.random.default_rng(seed), 10**exponent
+    vector = gtsam.imuBias.ConstantBias
+    data = gtsam.PreintegratedImuMeasurements(parameters(True), vector(*rng.normal(size=(2, 3))))
+    for _ in range(20):
+        data.integrateMeasurement(5 * rng.normal(size=3), 1.5 * rng.normal(size=3), dt / 20)
+    ours, theirs = gtsam.Values(), gtsam.Values()
+    for k in range(2):
+        pose, twist = gtsam.Pose3(se3_exp(1.3 * rng.normal(size=6))), 3 * rng.normal(size=6)
+        ours.insert(V(k), twist)
+        theirs.insert(U(k), pose.rotation().matrix() @ twist[3:])
+        for values in (ours, theirs):
+            values.insert(X(k), pose)
+    for values in (ours, theirs):
+        values.insert(B(0), vector(np.full(3, 0.2), np.full(3, -0.1)))
+    factor = ImuFactor(data, (X(0), V(0), 0.0), (X(1), V(1), data.deltaTij()), B(0))
+    native = gtsam.ImuFactor(X(0), U(0), X(1), U(1), B(0), data)
+    expected = native.unwhitenedError(theirs)
+    off = np.abs(factor.unwhitenedError(ours) - expected).max()
+    assert off <= 1e-12 * max(1.0, np.abs(expected).max())
+    for found, exact in zip(jacobians_of(factor, ours), by_twists(native, theirs), strict=True):
+        assert np.abs(found - exact).max() <= 1e-11 * max(1.0, np.abs(exact).max())
 
 
 @given(seed=seeds)
