@@ -12,7 +12,7 @@ from factors.jacobian_blocks import JacobianBlocks, Jacobians
 from factors.kernels.imu import imu_kernel
 from factors.kernels.se3 import Array
 from factors.lie import se3_exp, se3_right_jacobian_inverse
-from factors.variables import BIAS, POSE3, TWIST, State, Variable, as_state
+from factors.variables import BIAS, TWIST, State, Variable, as_state, variables_of
 
 _BLOCKS = JacobianBlocks(9, (6, 6, 6, 6, 6))
 
@@ -145,13 +145,7 @@ class ImuFactor(Factor):
                 own.copy_to(jacobians)
             return own.error
 
-        variables = [
-            Variable("pose_i", pose_i, POSE3),
-            Variable("velocity_i", velocity_i, TWIST),
-            Variable("pose_j", pose_j, POSE3),
-            Variable("velocity_j", velocity_j, TWIST),
-            Variable("bias", bias, BIAS),
-        ]
+        variables = [*variables_of(*states), Variable("bias", bias, BIAS)]
         made_of = {"preintegrated": preintegrated, "state_i": states[0], "state_j": states[1]}
         super().__init__(native.noiseModel(), variables, error, {**made_of, "bias": bias})
 

@@ -24,13 +24,12 @@ from factors.kernels.points import point_between_kernel
 from factors.kernels.se3 import Array
 from factors.points import PointError
 from factors.variables import (
-    POSE3,
-    TWIST,
     State,
     Variable,
     as_state,
     checked_keys,
     checked_time_between,
+    variables_of,
 )
 from factors.wnoa import whitening
 
@@ -101,11 +100,7 @@ class InterpolatedFactor(Factor):
         for role, key in (("pose", pose), ("velocity", velocity)):
             if key is not None and key not in held.keys:
                 raise ValueError(f"{role} must be a key of the inner factor, not {key}")
-        variables = [
-            Variable(f"{role}_{end}", key, kind)
-            for end, state in zip("ij", states, strict=True)
-            for role, key, kind in (("pose", state[0], POSE3), ("velocity", state[1], TWIST))
-        ]
+        variables = variables_of(*states)
         own = checked_keys(variables)
         others = [key for key in held.keys if key not in (pose, velocity, *own)]
         variables += [Variable("of inner", key, ANY) for key in others]

@@ -25,14 +25,13 @@ from factors.stereo import (
 )
 from factors.variables import (
     POINT3,
-    POSE3,
-    TWIST,
     State,
     Variable,
     are_states,
     as_state,
     checked_time_between,
     named_arguments,
+    variables_of,
 )
 
 _BLOCKS = JacobianBlocks(3, (6, 6, 6, 6, 3))
@@ -175,13 +174,8 @@ class InterpolatedStereoFactor(Factor):
                 own.copy_to(jacobians)
             return own.error
 
-        variables = [
-            Variable("pose_i", pose_i, POSE3),
-            Variable("velocity_i", velocity_i, TWIST),
-            Variable("pose_j", pose_j, POSE3),
-            Variable("velocity_j", velocity_j, TWIST),
-            Variable("landmark", landmark, POINT3),
-        ]
+        variables = variables_of(made_of["state_i"], made_of["state_j"])
+        variables.append(Variable("landmark", landmark, POINT3))
         super().__init__(made_of["model"], variables, error, made_of)
 
 

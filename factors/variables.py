@@ -116,6 +116,17 @@ def as_state(name: str, state: State) -> tuple[int, int, float]:
     return *keys, checked_number(f"the time of {name}", time)
 
 
+def variables_of(
+    state_i: tuple[int, int, float], state_j: tuple[int, int, float]
+) -> list[Variable]:
+    """Return pose and velocity of two states."""
+    return [
+        Variable(f"{role}_{end}", key, kind)
+        for end, state in (("i", state_i), ("j", state_j))
+        for role, key, kind in (("pose", state[0], POSE3), ("velocity", state[1], TWIST))
+    ]
+
+
 def are_states(args: Sequence[Any], kwargs: dict[str, Any], place: int = 0) -> bool:
     """Tell whether a constructor that takes keys or states was given states, from `place` on."""
     if len(args) > place:
