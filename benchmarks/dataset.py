@@ -13,6 +13,7 @@ from rich.console import Console
 from benchmarks.data_folder import find_trajectories
 from benchmarks.run import Run, run_odometry
 from gpvo.commands.evaluate import at_states_of_competitor, print_comparison
+from gpvo.commands.workers import in_order
 from gpvo.config import Configuration, load_configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.comparison import Comparison, compare
@@ -68,6 +69,8 @@ def arguments(description: str, sequences: Sequence[str]) -> argparse.ArgumentPa
     parser.add_argument("--config", type=Path, help="configuration (YAML), see `gpvo config`")
     parser.add_argument("--seed", type=int, help="seed of all random choices")
     parser.add_argument("--output", type=Path, help="folder for report, trajectories and costs")
+    parser.add_argument("--jobs", type=int, default=1, help="sequences at once")
+    parser.add_argument("--scheduler", help="address of a Dask scheduler, to run there")
     return parser
 
 
@@ -78,12 +81,15 @@ def run_benchmark(
     console: Console,
 ) -> list[Outcome]:
     """Run all sequences, print the comparisons, and write them if --output is given."""
+    if options.jobs < 1:
+        raise InputError("--jobs: give 1 or more")
     configuration = configuration_of(options)
     if options.output is not None:
         make_folder(options.output)
+    tasks = [(sequence, configuration, options.trajectories, protocol) for sequence in sequences]
     outcomes = []
-    for sequence in sequences:
-        outcomes.append(run_sequence(sequence, configuration, options.trajectories, protocol))
+    for outcome in in_order(run_sequence, tasks, options.jobs, options.scheduler):
+        outcomes.append(outcome)
         print_comparison(outcomes[-1].comparison, console)
     if options.output is not None:
         write_outcomes(options.output, outcomes)

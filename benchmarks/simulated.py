@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
-from multiprocessing import get_context
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +25,7 @@ from benchmarks.simulated_summary import (
     summary_table,
     write_summary,
 )
+from gpvo.commands.workers import in_order
 from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation import evaluate
@@ -67,48 +65,21 @@ def run_case(case: Case, seed: int, configuration: Configuration) -> CaseResult:
     )
 
 
-@contextmanager
-def workers(jobs: int, scheduler: str | None) -> Iterator[Executor]:
-    """Yield an executor: processes of this machine, or the workers of a Dask cluster.
-
-    Raises
-    ------
-    InputError
-        If the cluster cannot be reached.
-    """
-    if scheduler is None:
-        with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-            yield pool
-        return
-    with dask_client(scheduler) as client, client.get_executor() as executor:
-        yield executor
-
-
-def dask_client(scheduler: str) -> AbstractContextManager:
-    """Connect to a Dask scheduler."""
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise InputError('--scheduler needs Dask: pip install "gpvo[distributed]"') from error
-    try:
-        return Client(scheduler, timeout=10)  # type: ignore[no-untyped-call]
-    except (OSError, ValueError) as error:
-        raise InputError(f"--scheduler {scheduler}: cannot be reached ({error})") from error
-
-
 def run_suite(
     cases: Sequence[Case],
     seeds: Sequence[int],
     configuration: Configuration,
-    executor: Executor,
+    workers: tuple[int, str | None],
     console: Console,
 ) -> list[CaseResult]:
-    """Run every case with every seed; the results are in this order."""
+    """Run every case with every seed; the results are in this order.
+
+    `workers` are the number of jobs and the address of a Dask scheduler.
+    """
     tasks = [(case, seed, configuration) for case in cases for seed in seeds]
-    futures = [executor.submit(run_case, *task) for task in tasks]
     results = []
-    for future in futures:
-        results.append(future.result())
+    for result in in_order(run_case, tasks, *workers):
+        results.append(result)
         console.print(results[-1].line(), highlight=False, markup=False)
     return results
 
@@ -154,8 +125,8 @@ def main(
     configuration = configuration_of(options)
     if options.output is not None:
         make_folder(options.output)
-    with workers(options.jobs, options.scheduler) as executor:
-        results = run_suite(cases, range(options.seeds), configuration, executor, console)
+    workers = options.jobs, options.scheduler
+    results = run_suite(cases, range(options.seeds), configuration, workers, console)
     tables = [summary_table(results)]
     if options.against:
         tables.append(comparison_table(results, earlier))

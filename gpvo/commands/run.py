@@ -33,6 +33,7 @@ from gpvo.commands.inputs import (
 )
 from gpvo.commands.interruption import Interruption, end_at_ctrl_c
 from gpvo.commands.live_trajectory import live_file
+from gpvo.commands.many import run_many
 from gpvo.commands.map_error import map_error
 from gpvo.commands.progress import run_progress
 from gpvo.commands.provenance import (
@@ -77,7 +78,9 @@ DEAD_RECKONING = 3
 
 
 def run(
-    recording: Annotated[Path | None, typer.Argument(help="Stereo event recording.")] = None,
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(help="Stereo event recording, or many.")
+    ] = None,
     calibration: Calibration = None,
     ground_truth: GroundTruth = None,
     output: Output = None,
@@ -95,36 +98,64 @@ def run(
     view: View = False,
     save: Save = None,
     video: Video = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Of many recordings, how many at once.")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, to run many recordings there.")
+    ] = None,
 ) -> None:
     """Estimate the motion of a recording; write trajectory, metrics and plots.
+
+    Many recordings: {} in --calibration and --ground-truth is a recording's name, and each has a
+    folder in --output; the same command again runs those that are not finished.
 
     Exit status 2: bad input. 3: failed, most of the trajectory is dead reckoning, or the clocks are
     apart. 4: results cannot be written. 130 and 143: ended by Ctrl-C or SIGTERM, with the results
     so far.
     """
+    watch = Watch(view, save, video)
+    if len(recordings or []) > 1:
+        _refuse_for_many({"--repeat": repeat, "--view": view, "--save": save, "--video": video})
     if repeat is not None:
-        if recording is not None:
+        if recordings:
             raise InputError("--repeat: takes the recording of that run; give no other")
         request, configuration = read_provenance(repeat)
         folder = output or repeat.with_name(f"{repeat.name}_repeated")
     else:
-        if recording is None:
+        if not recordings:
             raise InputError("recording: give a stereo event recording, or --repeat DIR")
         configuration = configured(config, seed)
-        request = Request(
-            str(recording.absolute()),
-            absolute(calibration_of(recording, calibration)),
-            absolute(ground_truth),
-            start,
-            checked_duration(duration),
-            left_topic,
-            right_topic,
-            right_offset,
-        )
-        folder = output or new_folder(recording.stem)
-    judged = _run(request, configuration, folder, plots, Watch(view, save, video))
+        common = start, checked_duration(duration), left_topic, right_topic, right_offset
+        requests = [
+            Request(
+                str(recording.absolute()),
+                absolute(calibration_of(recording, _of(calibration, recording))),
+                absolute(_of(ground_truth, recording)),
+                *common,
+            )
+            for recording in recordings
+        ]
+        if len(requests) > 1:
+            folder, workers = output or new_folder("many"), (jobs, scheduler)
+            status = run_many(requests, configuration, folder, plots, workers, console)
+            raise typer.Exit(status)
+        request, folder = requests[0], output or new_folder(recordings[0].stem)
+    judged = _run(request, configuration, folder, plots, watch)
     if judged.word == "failed":
         raise typer.Exit(DEAD_RECKONING)
+
+
+def _of(pattern: Path | None, recording: Path) -> Path | None:
+    """Return a recording's file, where {} is its name."""
+    return None if pattern is None else Path(str(pattern).replace("{}", recording.stem))
+
+
+def _refuse_for_many(given: Mapping[str, object]) -> None:
+    """Raise InputError if an option is given that is for one recording."""
+    for option, value in given.items():
+        if value:
+            raise InputError(
+                f"{option}: is for one recording; leave it out, or run them one by one"
+            )
 
 
 def _run(

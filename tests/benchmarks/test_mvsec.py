@@ -69,6 +69,21 @@ def test_one_table_from_files_in_mvsecs_layout(data: Path, config_file: Path) ->
     check_output(data / "report", outcome.run.poses)
 
 
+def test_a_dask_cluster_gives_the_same_as_this_process(data: Path, config_file: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    options = ["--data", data / "mvsec", "--sequences", NAME, "--config", config_file]
+    console = Console(file=StringIO())
+    (here,) = main(list(map(str, options)), console)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
+    ) as cluster:
+        there = main(list(map(str, [*options, "--scheduler", cluster.scheduler_address])), console)
+    poses = [run.trajectory.T_world_cam for run in (here.run, there[0].run)]
+    np.testing.assert_array_equal(*poses)
+    with pytest.raises(InputError, match="--jobs"):
+        main(list(map(str, [*options, "--jobs", 0])), console)
+
+
 def check_output(report: Path, poses: ContinuousPoses) -> None:
     saved = Trajectory.load(report / NAME / "trajectory.npz")
     np.testing.assert_array_equal(saved.stamped_poses().stamps_ns, poses.stamps_ns)
