@@ -16,6 +16,7 @@ from gpvo.events import Clustering, StereoCluster
 from gpvo.mc_ransac import VelocityFit, mc_ransac, segments_between
 from gpvo.recordings import StereoEvents, StereoRig
 from gpvo.tracking import (
+    EgoMotion,
     Measurements,
     MultiResolutionTracker,
     Observations,
@@ -94,7 +95,9 @@ class FrontEnd:
         self.rng = np.random.default_rng(full.seed)
         self._config = full.mc_ransac
         self._information = np.diag(full.noise.measurement_information)
-        self._tracker = MultiResolutionTracker(full.tracking) if tracker is None else tracker
+        self._tracker = (
+            MultiResolutionTracker(full.tracking, self.camera) if tracker is None else tracker
+        )
         self._tracklets = Tracklets(full.tracklets)
         self._tracked_pixel = full.tracking.pixel
         self._image_speed: float | None = None
@@ -128,6 +131,7 @@ class FrontEnd:
             self._tracklets.reject(later.landmark[~inliers])
             measurements = self._tracklets.take(later.landmark[inliers])
         self._image_speed = self._tracked_speed()
+        self._tell_motion(estimate)
         return TrackedCluster(
             observations,
             self._tracking_report(),
@@ -144,6 +148,12 @@ class FrontEnd:
         """Return the speed of the features, tracked pixels per second; None while few are known."""
         speed = self._tracklets.image_speed()
         return None if speed is None else speed / self._tracked_pixel
+
+    def _tell_motion(self, estimate: VelocityFit | None) -> None:
+        """Tell the tracker how the camera moves, which a user's own need not ask for."""
+        motion = getattr(self._tracker, "motion", None)
+        if isinstance(motion, EgoMotion) and estimate is not None:
+            motion.velocity = estimate.velocity
 
     def _tracking_report(self) -> TrackingReport | None:
         """Return what the tracker says of the latest cluster, which a user's own need not do."""

@@ -95,11 +95,19 @@ class KltConfig(StageConfig):
         "middle, of 255 per pixel: a disparity is measured there, not at the patch's margins; 0 "
         "asks for none.",
     )
+    anchor_correlation: float = Field(
+        0.6,
+        ge=-1,
+        le=1,
+        description="Least correlation of a landmark's anchor, the patch of its first sight warped "
+        "by the motion since then, with the image; below it the landmark gets a new one. 1 gives "
+        "it a new one in each frame.",
+    )
     anchor_tolerance: float = Field(
         1.0,
         gt=0,
         description="Largest distance between the match with the previous frame and the match "
-        "with the earliest one, pixels; beyond it the feature is dropped.",
+        "with the anchor, pixels; beyond it the landmark is dropped.",
     )
 
 
@@ -174,6 +182,13 @@ class CompensationConfig(StageConfig):
         description="A feature's time is the mean of the events within this radius, pixels: the "
         "patch that is tracked.",
     )
+    lag: float = Field(
+        0.2,
+        ge=0,
+        description="How far contours are seen behind where they are, pixels: half of the contrast "
+        "threshold over the gradient of the logarithmic brightness. Observations are moved ahead "
+        "by it; 0 leaves them.",
+    )
 
 
 class TrackingConfig(StageConfig):
@@ -198,7 +213,10 @@ class TrackingConfig(StageConfig):
         "been in the cluster's middle.",
     )
     earlier_frames: int = Field(
-        4, ge=1, description="Number of earlier frames that tracklets are extended over."
+        4,
+        ge=1,
+        description="Number of earlier frames that tracklets of LIBVISO2's features are extended "
+        "over; patches have anchors instead.",
     )
     features: FeatureConfig = FeatureConfig()
     klt: KltConfig = KltConfig()

@@ -19,6 +19,7 @@ from gpvo.config.stages import CompensationConfig
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.events.noise_level import NoiseLevel
 from gpvo.second_thread import both
+from gpvo.tracking.contour_lag import ContourLag
 from gpvo.tracking.event_sums import (
     CELL,
     Flow,
@@ -42,6 +43,8 @@ USUAL = 20
 """Number of latest clusters with motion; the fullest of them is full."""
 LEAST_FEATURES = 8
 """Number of features below which the image motion is unknown."""
+UNKNOWN: Flow = np.zeros((1, 1, 2), np.float32)
+"""Image motion if it is unknown: none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +124,8 @@ class MotionCompensation:
         self.at_rest = False
         self._moving: tuple[CompensatedImage, ...] = ()
         self._recent: Observations | None = None
+        self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN
+        self._lag = ContourLag(config.lag)
         self._full_count: deque[float] = deque(maxlen=USUAL)
         self._noise, self._still = NoiseLevel(), False
 
@@ -131,7 +136,7 @@ class MotionCompensation:
         if self.at_rest:
             left, right = (image.held(middle) for image in self._moving)
         else:
-            left_flow, right_flow = self._flows(cluster)
+            left_flow, right_flow = self._flows
             left, right = both(
                 lambda: CompensatedImage.of_events(cluster.left, left_flow, middle, self._side),
                 lambda: CompensatedImage.of_events(cluster.right, right_flow, middle, self._side),
@@ -156,15 +161,18 @@ class MotionCompensation:
     def timed(self, seen: Observations) -> Observations:
         """Move observations from the pictures to the mean times of their events; add the times.
 
-        Disparities stay those of the pictures, because both pictures have the same reference time.
+        There they are moved ahead by the contours' lag. Disparities stay those of the pictures,
+        because both pictures have the same reference time.
         """
         self._remember(seen)
+        self._learn_flows()
         left, times = seen.left.copy(), np.empty((len(seen), 2))
         oldest = self._frame_count - len(self._images)
         for number, (left_image, right_image) in enumerate(self._images, oldest):
             now, radius = seen.frame == number, self._config.time_radius
             left[now], times[now, 0] = left_image.at_own_times(seen.left[now], radius)
             _, times[now, 1] = right_image.at_own_times(seen.right[now], radius)
+            left[now] += self._lag.ahead(seen.left[now])
         return replace(seen, left=left, right=seen.right + left - seen.left, own_times=times)
 
     def _remember(self, seen: Observations) -> None:
@@ -172,25 +180,25 @@ class MotionCompensation:
         known = seen if self._recent is None else Observations.concatenate([self._recent, seen])
         self._recent = known[known.frame >= self._frame_count - 2]
 
-    def _flows(self, cluster: StereoCluster) -> tuple[Flow, Flow]:
-        """Estimate left and right image motion between the two latest clusters; 0 if unknown."""
-        nothing: Flow = np.zeros((1, 1, 2), np.float32)
+    def _learn_flows(self) -> None:
+        """Estimate left and right image motion between the two latest clusters, 0 if unknown."""
+        self._flows = UNKNOWN, UNKNOWN
         if self._recent is None or len(self._images) < 2:
-            return nothing, nothing
+            return
         seen, (before, latest) = self._recent, list(self._images)[-2:]
         newest = seen.frame == self._frame_count - 1
         earlier, later = seen[~newest], seen[newest]
         _, i, j = np.intersect1d(earlier.landmark, later.landmark, return_indices=True)
         if len(i) < LEAST_FEATURES:
-            return nothing, nothing
+            return
         dt, reach = latest[0].reference - before[0].reference, self._config.reach
-        width, height = cluster.left.resolution
-        shape = height // self._side, width // self._side
+        height, width = latest[0].count.shape
         left, right = (
-            flow_between(old[i], new[j], dt, shape, reach)
+            flow_between(old[i], new[j], dt, (height, width), reach)
             for old, new in ((earlier.left, later.left), (earlier.right, later.right))
         )
-        return left, right
+        self._flows = left, right
+        self._lag.follow(left, dt)
 
 
 def flow_between(

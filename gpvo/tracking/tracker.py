@@ -13,8 +13,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from factors import StereoCamera
 from gpvo.config import TrackingConfig
 from gpvo.events import StereoCluster
+from gpvo.tracking.ego_motion import EgoMotion, camera_of_pixels
 from gpvo.tracking.features import half_resolution
 from gpvo.tracking.klt import KltTracker
 from gpvo.tracking.motion_compensation import MotionCompensation
@@ -30,6 +32,7 @@ class Tracker(Protocol):
 
     Any object with this method is a tracker: `Odometry(rig, tracker=mine)`. An attribute `report`,
     a `TrackingReport` of the latest cluster, if it has one, helps to say where landmarks are lost.
+    An attribute `motion`, an `EgoMotion`, if it has one, is told the velocity after each cluster.
     """
 
     def track(self, cluster: StereoCluster) -> Observations:
@@ -53,15 +56,20 @@ class ImageTracker(Protocol):
 class MultiResolutionTracker:
     """The configured image tracker at one or more resolutions, run independently.
 
-    Positions are full-resolution pixels.
+    Positions are full-resolution pixels. `motion` knows the velocity of the latest cluster; patches
+    are warped by it, if the camera is known.
     """
 
-    def __init__(self, config: TrackingConfig) -> None:
-        self._trackers = [_ResolutionTracker(config, side) for side in config.resolutions or (1,)]
+    def __init__(self, config: TrackingConfig, camera: StereoCamera | None = None) -> None:
+        self.motion = EgoMotion()
+        self._trackers = [
+            _ResolutionTracker(config, side, camera) for side in config.resolutions or (1,)
+        ]
 
     def track(self, cluster: StereoCluster) -> Observations:
         """Return the observations that a new cluster adds."""
-        parts = [tracker.track(cluster) for tracker in self._trackers]
+        self.motion.advance(0.5 * (cluster.start + cluster.stop))
+        parts = [tracker.track(cluster, self.motion.T_start_cam) for tracker in self._trackers]
         return Observations.concatenate(
             replace(found, landmark=found.landmark * len(parts) + index)
             for index, found in enumerate(parts)
@@ -81,17 +89,19 @@ class MultiResolutionTracker:
 class _ResolutionTracker:
     """Image tracker at one resolution; its pixels are `side` full pixels wide."""
 
-    def __init__(self, config: TrackingConfig, side: int) -> None:
+    def __init__(self, config: TrackingConfig, side: int, camera: StereoCamera | None) -> None:
         self._side, self._image = side, config.image
-        self._tracker: ImageTracker = (
-            KltTracker(config) if config.tracker == "klt" else Viso2Tracker(config)
-        )
+        self._tracker: ImageTracker = Viso2Tracker(config)
+        if config.tracker == "klt":
+            self._tracker = KltTracker(config, camera and camera_of_pixels(camera, side))
         self._compensation = MotionCompensation(
             config.compensation, config.earlier_frames + 1, side
         )
 
-    def track(self, cluster: StereoCluster) -> Observations:
+    def track(self, cluster: StereoCluster, T_start_cam: NDArray[np.float64]) -> Observations:
         """Return the observations that a new cluster adds, full-resolution pixels."""
+        if isinstance(self._tracker, KltTracker):
+            self._tracker.T_start_cam = T_start_cam
         seen = self._tracker.track(*self._images(cluster))
         if self._image == "motion_compensated":
             seen = self._compensation.timed(seen)

@@ -10,6 +10,7 @@ from gpvo.config.tables import configuration_tables, rule, unit
 WITHOUT_UNIT = {
     "hot_pixel_ratio",
     "response_threshold",
+    "anchor_correlation",
     "min_correlation",
     "min_row_gradient",
     "relative_threshold",

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from factors import StereoCamera
 from gpvo import Odometry
 from gpvo.config import Configuration
 from gpvo.evaluation.front_end.inspect import inspect
@@ -48,9 +49,10 @@ class Wrapped:
 
     report = "all is well"
 
-    def __init__(self) -> None:
+    def __init__(self, camera: StereoCamera) -> None:
         self.clusters: list[StereoCluster] = []
-        self._tracker = MultiResolutionTracker(FEW.tracking)
+        self._tracker = MultiResolutionTracker(FEW.tracking, camera)
+        self.motion = self._tracker.motion
 
     def track(self, cluster: StereoCluster) -> Observations:
         self.clusters.append(cluster)
@@ -58,8 +60,9 @@ class Wrapped:
 
 
 def test_any_object_may_be_the_tracker(recording: SimulatedRecording) -> None:
-    mine = Wrapped()
-    own, usual = Odometry(recording.rig, FEW, tracker=mine), Odometry(recording.rig, FEW)
+    usual = Odometry(recording.rig, FEW)
+    mine = Wrapped(usual.camera)
+    own = Odometry(recording.rig, FEW, tracker=mine)
     poses = [each.run(recording).pose(np.linspace(0.15, 0.2, 5)) for each in (own, usual)]
     assert len(mine.clusters) == len(own.reports)
     assert own.reports == [replace(report, tracking=None) for report in usual.reports]

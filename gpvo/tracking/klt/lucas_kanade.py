@@ -120,7 +120,7 @@ def _match_level(
     corner = side + BEYOND - side // 2  # from the centre of a patch to its first pixel
     for i in range(len(points)):
         u, v = points[i, 0] + corner, points[i, 1] + corner
-        found[i] = _touches(source, side, u, v)
+        found[i] = touches(source, side, u, v)
         if found[i]:
             copy_patch(source, u - 1, v - 1, side + 3, width, window)
             interpolate(window, u - np.floor(u), v - np.floor(v), width, samples)
@@ -128,11 +128,11 @@ def _match_level(
             columns = _inside(u, source.shape[1], side)
             clear_outside(columns, _inside(v, source.shape[0], side), width, across, down)
             still = dot(samples[width + 1 :], across), dot(samples[width + 1 :], down)
-            found[i] = _refine(target, side, across, down, still, window, corner, ends[i])
+            found[i] = refine(target, side, across, down, still, window, corner, ends[i])
 
 
 @njit(cache=True, nogil=True)
-def _touches(image: Level, side: int, u: float, v: float) -> bool:
+def touches(image: Level, side: int, u: float, v: float) -> bool:
     """Check that a patch with its first pixel at (u, v) is not beyond the image."""
     height, width = image.shape
     last = side + BEYOND
@@ -147,7 +147,7 @@ def _inside(start: float, size: int, side: int) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _refine(
+def refine(
     target: Level,
     side: int,
     across: Row,
@@ -173,7 +173,7 @@ def _refine(
     left = top = before_u = before_v = np.inf
     x_sums = y_sums = (0.0, 0.0, 0.0, 0.0)
     for _ in range(ITERATIONS):
-        if not _touches(target, side, u, v):
+        if not touches(target, side, u, v):
             break
         if left != np.floor(u) or top != np.floor(v):
             left, top = np.floor(u), np.floor(v)
@@ -191,4 +191,4 @@ def _refine(
             break
         before_u, before_v = step_u, step_v
     end[0], end[1] = u - corner, v - corner
-    return _touches(target, side, u, v)
+    return touches(target, side, u, v)

@@ -3,19 +3,25 @@
 The circle of section III-A.2 is previous left, current left, current right, previous right and
 back. It is closed by the patch around a feature instead of its descriptor. A feature then need not
 be detected again in all four images, which few features of a binary frame are.
+
+Then each landmark is matched with its anchor, the image around it where it was seen first, warped
+by the motion since: a match with a previous frame adds its error to that of the match before.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from factors import StereoCamera
 from gpvo.config import TrackingConfig
 from gpvo.second_thread import both
+from gpvo.tracking.ego_motion import warp
 from gpvo.tracking.features import extrema, smooth, strongest_spaced
+from gpvo.tracking.klt.anchors import match_anchors
+from gpvo.tracking.klt.frame import Frame
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
 from gpvo.tracking.observations import Observations
@@ -26,61 +32,39 @@ Points = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
-class _Frame:
-    """Smoothed stereo frame, and the landmarks (N,) seen in it at pixels (N, 2)."""
-
-    left_image: Pyramid
-    right_image: Pyramid
-    landmark: NDArray[np.int64]
-    left: Points
-    right: Points
-
-    def select(self, mask: Mask) -> _Frame:
-        return _Frame(
-            self.left_image,
-            self.right_image,
-            self.landmark[mask],
-            self.left[mask],
-            self.right[mask],
-        )
-
-    def joined(self, other: _Frame) -> _Frame:
-        """Return the landmarks of two frames with the same images."""
-        return _Frame(
-            self.left_image,
-            self.right_image,
-            np.concatenate([self.landmark, other.landmark]),
-            np.concatenate([self.left, other.left]),
-            np.concatenate([self.right, other.right]),
-        )
-
-
 class KltTracker:
     """Tracker of the features of one resolution; see `gpvo.tracking.Tracker`.
 
-    `share` of the configured features is looked for, from 0 to 1.
+    Attributes
+    ----------
+    share
+        Share of the configured features that is looked for, from 0 to 1.
+    T_start_cam
+        (4, 4) pose of the frame that comes next, by the motion so far. Patches are warped by it, if
+        the camera (in pixels of this resolution) is known.
+    report
+        What became of the features of the latest frame.
     """
 
-    def __init__(self, config: TrackingConfig) -> None:
-        self._config = config.klt
-        self._features = config.features
-        self._frames: deque[_Frame] = deque(maxlen=config.earlier_frames)
+    def __init__(self, config: TrackingConfig, camera: StereoCamera | None = None) -> None:
+        self._config, self._features, self._camera = config.klt, config.features, camera
+        self._previous: Frame | None = None
         self._frame_count = 0
         self._landmark_count = 0
         self.report = TrackingReport(0, 0, 0, 0)
-        self.share = 1.0
+        self.share, self.T_start_cam = 1.0, np.eye(4)
 
     def track(self, left: Image, right: Image) -> Observations:
         """Follow the known landmarks into a new stereo frame and find new ones there."""
         images = both(lambda: self._pyramid(left), lambda: self._pyramid(right))
-        known = len(self._frames[-1].landmark) if self._frames else 0
-        followed = self._anchor(self._follow(*images))
+        frame = Frame.without_landmarks(*images, self.T_start_cam)
+        known = 0 if self._previous is None else len(self._previous.landmark)
+        followed = self._anchor(self._follow(frame))
         features = self._detect(followed)
         new = self._in_stereo(features, followed)
         self.report = TrackingReport(len(features), len(new.left), known, len(followed.left))
         frame = followed.joined(new)
-        self._frames.append(frame)
+        self._previous = frame
         self._frame_count += 1
         return Observations(
             frame.landmark,
@@ -93,49 +77,48 @@ class KltTracker:
         smoothed = smooth(image, self._config.smoothing)
         return Pyramid.of_image(smoothed, self._config.patch_size, self._config.pyramid_levels)
 
-    def _follow(self, left_image: Pyramid, right_image: Pyramid) -> _Frame:
+    def _follow(self, frame: Frame) -> Frame:
         """Match the landmarks of the previous frame around the quad; keep those that return."""
-        if not self._frames:
-            nothing = np.empty((0, 2), np.float32)
-            return _Frame(left_image, right_image, np.empty(0, np.int64), nothing, nothing)
-        previous = self._frames[-1]
+        previous = self._previous
+        if previous is None:
+            return frame
         shift = previous.left - previous.right
-        left, found = self._match(previous.left_image, left_image, previous.left)
-        right, found_right = self._match(left_image, right_image, left, left - shift)
-        back, found_back = self._match(right_image, previous.right_image, right)
+        left, found = self._match(previous.left_image, frame.left_image, previous.left)
+        right, found_right = self._match(frame.left_image, frame.right_image, left, left - shift)
+        back, found_back = self._match(frame.right_image, previous.right_image, right)
         end, found_end = self._match(previous.right_image, previous.left_image, back, back + shift)
         closed = np.linalg.norm(end - previous.left, axis=1) < self._config.closure_tolerance
-        frame = _Frame(left_image, right_image, previous.landmark, left, right)
-        return frame.select(
-            found & found_right & found_back & found_end & closed & self._is_stereo(frame)
+        seen = frame.with_landmarks(previous.landmark, left, right, previous.anchors)
+        return seen.select(
+            found & found_right & found_back & found_end & closed & self._is_stereo(seen)
         )
 
-    def _anchor(self, frame: _Frame) -> _Frame:
-        """Match every landmark with the earliest frame that shows it, so that errors do not add up.
+    def _anchor(self, frame: Frame) -> Frame:
+        """Match every landmark with its anchor, so that errors of the matches do not add up.
 
-        This extends tracklets over earlier frames: each match is compared with one that skips the
-        frames in between, and takes the position of that match. The disparity stays: it hardly
-        differs a fraction of a pixel beside.
+        This match takes the place of the one with the previous frame. A landmark whose anchor looks
+        alike elsewhere is dropped; one that does not look like its anchor any more gets a new one.
+        The disparity stays: it hardly differs a fraction of a pixel beside.
         """
-        left, keep = frame.left.copy(), np.ones(len(frame.left), bool)
-        anchored = np.zeros(len(left), bool)
-        for earlier in list(self._frames)[:-1]:
-            _, here, there = np.intersect1d(
-                frame.landmark, earlier.landmark, assume_unique=True, return_indices=True
-            )
-            new = ~anchored[here]
-            here, there = here[new], there[new]
-            position, found = self._match(
-                earlier.left_image, frame.left_image, earlier.left[there], left[here]
-            )
-            moved = np.linalg.norm(position - left[here], axis=1)
-            keep[here] = found & (moved < self._config.anchor_tolerance)
-            left[here], anchored[here] = position, True
+        warps = self._warps(frame)
+        left, alike = match_anchors(frame.anchors, warps, frame.left_image, frame.left)
+        known = alike >= self._config.anchor_correlation
+        near = np.linalg.norm(left - frame.left, axis=1) < self._config.anchor_tolerance
         right = frame.right + left - frame.left
-        moved = _Frame(frame.left_image, frame.right_image, frame.landmark, left, right)
-        return moved.select(keep & self._is_stereo(moved))
+        seen = frame.with_landmarks(frame.landmark, left, right, frame.anchors)
+        seen, changed = seen.select(known & near), frame.select(~known)
+        seen = seen.joined(frame.anchored(changed.landmark, changed.left, changed.right))
+        return seen.select(self._is_stereo(seen))
 
-    def _detect(self, frame: _Frame) -> Points:
+    def _warps(self, frame: Frame) -> NDArray[np.float64]:
+        """Warps (N, 2, 2) from the anchors' images to the frame."""
+        anchors = frame.anchors
+        if self._camera is None:
+            return np.tile(np.eye(2), (len(anchors), 1, 1))
+        T_now_then = np.linalg.inv(frame.T_start_cam) @ anchors.T_start_cam
+        return warp(self._camera, T_now_then, anchors.point, anchors.disparity)
+
+    def _detect(self, frame: Frame) -> Points:
         """Return the strongest features (N, 2) of the left image that are not near a landmark."""
         points, _, strength = extrema(
             frame.left_image.image, self._features.nms_radius, self._features.response_threshold
@@ -144,19 +127,18 @@ class KltTracker:
         chosen = strongest_spaced(points, strength, frame.left, self._config.spacing, wanted)
         return points[chosen].astype(np.float32)
 
-    def _in_stereo(self, left: Points, frame: _Frame) -> _Frame:
+    def _in_stereo(self, left: Points, frame: Frame) -> Frame:
         """Make landmarks of the left features (N, 2) that have a match in the right image."""
         right, found = self._match(frame.left_image, frame.right_image, left)
         back, found_back = self._match(frame.right_image, frame.left_image, right)
         closed = np.linalg.norm(back - left, axis=1) < self._config.closure_tolerance
-        nothing = np.zeros(len(left), np.int64)
-        new = _Frame(frame.left_image, frame.right_image, nothing, left, right)
+        new = frame.anchored(np.zeros(len(left), np.int64), left, right)
         new = new.select(found & found_back & closed & self._is_stereo(new))
         landmark = self._landmark_count + np.arange(len(new.left))
         self._landmark_count += len(landmark)
         return replace(new, landmark=landmark)
 
-    def _is_stereo(self, frame: _Frame) -> Mask:
+    def _is_stereo(self, frame: Frame) -> Mask:
         """Check that rows agree, disparities are positive, and points are inside and look alike."""
         height, width = frame.left_image.image.shape
         size = np.array([width, height])
@@ -167,7 +149,7 @@ class KltTracker:
         close = row_difference < self._config.row_tolerance
         return inside & positive & close & self._is_similar(frame)
 
-    def _is_similar(self, frame: _Frame) -> Mask:
+    def _is_similar(self, frame: Frame) -> Mask:
         """Check that the middle of a patch is similar in both images and distinct along the row.
 
         Contours at the margins of the whole patch can determine its match. They may be at another

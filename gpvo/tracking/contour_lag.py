@@ -1,0 +1,43 @@
+"""How far contours are seen behind where they are.
+
+A pixel has an event when its brightness has changed by the threshold C since its last one. Where a
+brightness that rose begins to fall, it must first fall by what it rose since that event, and by C.
+So the events of each slope come late, by C / 2 in brightness on average, and a contour is seen
+C / (2 |gradient|) behind where it is, against the direction of its motion, however fast it is. Like
+the play of a gear this changes only after the motion has turned, and with the way since.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpvo.tracking.event_sums import Flow, motion_at
+
+Array = NDArray[np.float64]
+
+WAY = 0.5
+"""Way in a new direction after which most of the lag has turned, pixels."""
+
+
+class ContourLag:
+    """Lag of contours at each place of an image, which follows the image motion.
+
+    `lag` is its size, pixels.
+    """
+
+    def __init__(self, lag: float) -> None:
+        self._lag = lag
+        self._behind: Flow = np.zeros((1, 1, 2), np.float32)
+
+    def follow(self, flow: Flow, dt: float) -> None:
+        """Turn the lag by the image motion (rows, columns, 2) of dt seconds, pixels per second."""
+        speed = np.maximum(np.linalg.norm(flow, axis=2, keepdims=True), 1e-9)
+        turned = 1 - np.exp(-speed * dt / WAY)
+        self._behind = np.asarray(
+            self._behind + turned * (self._lag / speed * flow - self._behind), np.float32
+        )
+
+    def ahead(self, points: Array) -> Array:
+        """Return the way (N, 2) from contours that are seen at points (N, 2) to where they are."""
+        return motion_at(self._behind, points)
