@@ -60,16 +60,22 @@ class FaultWatch:
         self._events[1] += len(batch.right)
         self._say(self._silence.see(batch))
         self._say(self._doubled.see(batch))
-        self._say(self._clocks.see(batch))
+        if not self._is_silent:
+            self._say(self._clocks.see(batch))
 
     def see_cluster(self, cluster: StereoCluster, report: ClusterReport) -> None:
         """Look at the next cluster, and at what became of it."""
         self._reports.append(report)
         self._say(leaves_out(report))
-        if not any("silent" in fault.kind for fault in self.faults):
+        if not self._is_silent:
             self._say(different_rates(self._reports))
         self._say(self._views.see(cluster))
         self._say(self._lost())
+
+    @property
+    def _is_silent(self) -> bool:
+        """Whether one of the cameras was silent, so that they cannot be compared."""
+        return any("silent" in fault.kind for fault in self.faults)
 
     def _lost(self) -> Iterator[Fault]:
         """Say once, after the first second, where landmarks are lost if most are."""

@@ -19,11 +19,12 @@ SHARED = Path(__file__).resolve().parents[3] / "shared/recordings"
 
 
 def contours(
-    late: float, farthest: float, seed: int, duration: float = 3.0
+    late: float, farthest: float, seed: int, climb: float = 0.0, duration: float = 3.0
 ) -> tuple[Events, Events]:
     """Make events of points that move together as a turning camera sees them.
 
-    Their disparities are up to `farthest` pixels; each makes an event where it enters a pixel.
+    Their disparities are up to `farthest` pixels; each makes an event where it enters a pixel. The
+    image moves by 120 pixels/s to the right on average, and by `climb` down.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 1e-3)
@@ -32,7 +33,7 @@ def contours(
         * np.cos(2 * np.pi * rng.uniform(0.5, 3, (2, 3, 1)) * t + rng.uniform(0, 6, (2, 3, 1))),
         axis=2,
     ).sum(axis=1)
-    motion = 0.25 * walk + np.array([[120.0], [0.0]]) * t
+    motion = 0.25 * walk + np.array([[120.0], [climb]]) * t
     points = rng.uniform([-900, -100], [700, 340], (1500, 2))
     disparity = rng.uniform(0.1, 1.0, 1500) * farthest
     sides = []
@@ -74,6 +75,17 @@ def test_the_offset_does_not_depend_on_the_baseline(
     assert found is not None
     assert abs(found.seconds - late) < 3 * found.deviation and found.deviation < 0.006
     assert found.is_apart == (late != 0)
+
+
+@pytest.mark.parametrize("rows", [4, 8])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_rows_that_differ_are_no_offset(rows: int, seed: int) -> None:
+    """A calibration that is wrong by some rows looks late while the image moves up or down."""
+    left, right = contours(0.0, 10.0, seed, climb=200.0)
+    lower = replace(right, y=(right.y + rows).astype(np.uint16))
+    for side in (right, lower):
+        found = found_offset(Streams(left, side))
+        assert found is None or not found.is_apart
 
 
 @pytest.mark.parametrize("late", [0.0, 0.03])

@@ -3,7 +3,8 @@
 A point of the scene has the same row in both rectified images, whatever its disparity. So the
 numbers of events of a band of rows, brighter and darker ones apart, follow each other in time. The
 rates of whole images do as well, but contours enter and leave them at other times, which looks like
-an offset if the cameras are far apart.
+an offset if the cameras are far apart. Rows that differ because of a wrong calibration look like an
+offset, too, while the image moves up or down; so the whole rates have to confirm one.
 """
 
 from __future__ import annotations
@@ -64,7 +65,8 @@ def clock_offset(left: NDArray, right: NDArray) -> ClockOffset | None:
     if length * BIN < SHORTEST:
         return None
     reach = min(round(LONGEST_OFFSET / BIN), length // 4)
-    both = _fluctuation(left[:, :length]), _fluctuation(right[:, :length])
+    left, right = left[:, :length], right[:, :length]
+    both = _fluctuation(left), _fluctuation(right)
     products = lagged_products(*both, reach)
     total = products.sum(axis=0) / _norm(*both, reach)
     lag = _least_peak(total)
@@ -72,7 +74,16 @@ def clock_offset(left: NDArray, right: NDArray) -> ClockOffset | None:
         return None
     scatter = float(np.hypot(_deviation(products, lag), 0.25 * _width(total, lag)))
     seconds = BIN * (_refined(total, lag) - reach)
+    if not _is_confirmed(left, right, lag, reach):
+        scatter = max(scatter, abs(seconds) / BIN)
     return ClockOffset(seconds, float(np.hypot(BIN * scatter, OWN_DEVIATION)))
+
+
+def _is_confirmed(left: NDArray, right: NDArray, lag: int, reach: int) -> bool:
+    """Return whether the rates of the whole images agree better at a lag than without it."""
+    both = _fluctuation(left.sum(axis=0)[None]), _fluctuation(right.sum(axis=0)[None])
+    total = lagged_products(*both, reach)[0] / _norm(*both, reach)
+    return bool(total[lag] > total[reach])
 
 
 def lagged_products(left: Array, right: Array, reach: int) -> Array:
