@@ -19,6 +19,7 @@ from gpvo.live.raw_events import RawEvents
 from gpvo.live.repair import Repair
 from gpvo.live.sources.packet import Packet, Source
 from gpvo.observer import Step
+from gpvo.process_setting import quick_switches
 from gpvo.recordings import StereoRig
 from gpvo.recordings.streams import EventBlock
 
@@ -137,11 +138,12 @@ class LiveSession:
         self._progress = progress
         intake = Intake(self._source)
         try:
-            while packets := intake.take():
-                if self._has_time(packets[0]):
-                    self._process(packets)
-                else:
-                    self._discard([*packets, *intake.take_all()])
+            with quick_switches():
+                while packets := intake.take():
+                    if self._has_time(packets[0]):
+                        self._process(packets)
+                    else:
+                        self._discard([*packets, *intake.take_all()])
             self.load.discarded += intake.discarded
         finally:
             intake.close()
