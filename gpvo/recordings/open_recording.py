@@ -20,6 +20,7 @@ from gpvo.recordings.checks.time_unit import check_time_unit
 from gpvo.recordings.files.aedat4 import is_aedat4, open_aedat4
 from gpvo.recordings.files.hdf5_columns import M3ED, ColumnStream
 from gpvo.recordings.files.mvsec import MvsecRecording, is_mvsec
+from gpvo.recordings.files.text_names import REMEDY
 from gpvo.recordings.hdf5 import has_dataset
 from gpvo.recordings.pairing import NO_CAMERA
 from gpvo.recordings.stereo import StreamRecording
@@ -128,6 +129,8 @@ def _recordings_in(folder: Path) -> list[Path]:
 
 def _unknown(path: Path, formats: Sequence[Format]) -> str:
     known = "; ".join(candidate.name for candidate in formats)
+    if path.is_file() and path.suffix in two_files.TEXT.suffixes:
+        return f"{path}: its columns are not t, x, y and polarity; if they are, {REMEDY}"
     kind = "file" if path.is_file() else "folder: it is not a file, and none in it"
     return f"{path}: is not a recording that gpvo reads ({kind}); it reads {known}"
 

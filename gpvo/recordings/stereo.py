@@ -81,7 +81,7 @@ class StreamRecording(Recording):
         self.start_ns = min(first for first, _ in spans)
         self.duration = (max(last for _, last in spans) - self.start_ns) / 1e9
         for note in self.notes:
-            log.warning("%s: %s", path, note)
+            log.warning("%s", note if note.startswith(str(path)) else f"{path}: {note}")
 
     def _aligned(self, streams: Sequence[EventStream]) -> tuple[list[tuple[int, int]], list[str]]:
         """Align the clocks; return the first and last stamp of each camera, and notes."""

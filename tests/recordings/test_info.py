@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +74,7 @@ def test_faults_of_the_file_are_said_once_when_they_are_met(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Not at the end, not again by a second reading; info has them in its summary only."""
+    caplog.set_level(logging.WARNING, logger="gpvo.recordings")
     monkeypatch.setattr("gpvo.recordings.files.hdf5_rows.BLOCK_ROWS", 100)
     monkeypatch.setattr("gpvo.recordings.checks.time_order.HELD_BACK", 16)
     x, at = LEFT.x.copy(), (LEFT.t_ns[400] - START_NS) / 1e9

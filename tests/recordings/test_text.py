@@ -104,6 +104,7 @@ def test_names_in_the_first_line(tmp_path: Path, head: str, separator: str) -> N
     order = [fields[name] for name in "xypt"]
     faults = Faults()
     stream = TextStream(write(tmp_path / "a.csv", *order, head=head, separator=separator))
+    assert bool(stream.notes) == ("us" not in head)  # a unit that is not stated is said
     assert_same_events(read_stream(stream, faults), BEGIN)
     assert not any(faults.values())
 
@@ -205,6 +206,8 @@ def test_other_text_is_not_taken_for_events(tmp_path: Path, line: Callable) -> N
     lines = (" ".join(map(str, line(0.005 * k + 1.5e9, rng))) for k in range(500))
     (tmp_path / "a.txt").write_text("\n".join(lines))
     assert not is_text(tmp_path / "a.txt")
+    with pytest.raises(InputError, match="if they are, name them in a first line, as `# t"):
+        open_recording(tmp_path / "a.txt")
 
 
 def test_damaged_lines_do_not_hide_the_columns(tmp_path: Path) -> None:

@@ -43,6 +43,8 @@ class TextLayout:
         Indices of the cameras in the file, in order; empty without such a column.
     start
         Position of the first event in the file.
+    is_named
+        Whether the file names columns and unit, so that nothing was guessed.
     """
 
     columns: dict[str, int]
@@ -51,6 +53,7 @@ class TextLayout:
     resolution: tuple[int, int] | None = None
     cameras: tuple[int, ...] = ()
     start: int = 0
+    is_named: bool = False
 
     @property
     def unit_ns(self) -> int:
@@ -59,8 +62,8 @@ class TextLayout:
 
     @property
     def note(self) -> str:
-        """What was found, where it is other than usual; else empty."""
-        if (self.columns, self.width, self.unit) == (USUAL_ORDER, 4, "s"):
+        """What was found without names, where it is other than usual; else empty."""
+        if self.is_named or (self.columns, self.width, self.unit) == (USUAL_ORDER, 4, "s"):
             return ""
         names = {number: name for name, number in self.columns.items()}
         order = " ".join(names.get(number, "-") for number in range(self.width))
@@ -107,10 +110,11 @@ def _layout(
         return None
     if "nanoseconds" in found:
         unit = "s"
+    is_named = bool(columns and unit)
     unit = unit or found_unit([table[:, found["t"]] for table in tables])
-    cameras = np.unique(table[:, found["camera"]]).tolist() if "camera" in found else []
-    start = sum(map(len, lines))
-    return TextLayout(found, width, unit, size, tuple(map(int, cameras)), start)
+    indices = np.unique(table[:, found["camera"]]).tolist() if "camera" in found else []
+    cameras, start = tuple(map(int, indices)), sum(map(len, lines))
+    return TextLayout(found, width, unit, size, cameras, start, is_named)
 
 
 def _first_lines(head: bytes, width: int) -> list[bytes]:
