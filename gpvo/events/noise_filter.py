@@ -1,4 +1,4 @@
-"""Filters of single events before clustering: background activity and hot pixels.
+"""Filters of single events before clustering: background activity, hot pixels, repeated events.
 
 Events of contours come together; background activity, leak and shot noise, comes alone. An event is
 isolated if none of the eight pixels around it had one shortly before. Where no contour is, a sensor
@@ -34,7 +34,7 @@ LET_THROUGH = 0.25
 LEAST_HOT = 20
 """Number of recent events up to which a pixel is never judged hot."""
 
-KEPT, BACKGROUND, HOT = range(3)
+KEPT, BACKGROUND, HOT, REPEATED = range(4)
 """What became of an event."""
 
 
@@ -67,7 +67,9 @@ class EventFilter:
     "Frame-free dynamic digital vision", 2008). The time is set, or follows from the noise rate so
     that the share 1 - exp(-8 rate time) = LET_THROUGH of the noise passes.
 
-    What it says of a time follows from the events before that time, however they come in batches.
+    An event that repeats pixel and time of the one before is left out: a topic that was recorded
+    twice does no harm. What it says of a time follows from the events before that time, however
+    they come in batches.
     """
 
     def __init__(self, resolution: tuple[int, int], config: ClusteringConfig) -> None:
@@ -213,6 +215,9 @@ def _judge(
 ) -> None:
     for i in range(len(t)):
         row, column = int(y[i]) + 1, int(x[i]) + 1
+        if pixels[row, column, 0] == t[i]:
+            fate[i] = REPEATED
+            continue
         pixels[row, column, 1] += 1
         recent = pixels[row, column, 1]
         if hot > 0 and recent > LEAST_HOT and _is_hot(pixels, row, column, hot):

@@ -168,3 +168,16 @@ def test_time_surface_grows_with_the_time_of_the_latest_event() -> None:
     surface[0] = 2.0, 2.05, 2.1
     image = of_surface(surface).time_surface(2.0, 2.1)
     np.testing.assert_array_equal(image, [[1, 128, 255], [0, 0, 0]])
+
+
+@pytest.mark.parametrize("cut", [1, 7, 301])
+def test_repeated_events_are_left_out(cut: int) -> None:
+    """Every event twice gives what it gives once, in batches of any length."""
+    once = random_events(3)
+    twice = once[np.repeat(np.arange(len(once)), 2)]
+    expected = EventFilter((WIDTH, HEIGHT), ClusteringConfig())(once)
+    chosen = EventFilter((WIDTH, HEIGHT), ClusteringConfig())
+    parts = [chosen(twice[k : k + cut]) for k in range(0, len(twice), cut)]
+    found = Events.concatenate(parts)
+    for name in ("x", "y", "t", "polarity"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
