@@ -20,6 +20,9 @@ from gpvo.events.noise_filter import EventFilter
 from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 from gpvo.second_thread import both
 
+MANY = 50_000
+"""Number of events of a batch from which both cameras' are filtered at once."""
+
 
 @dataclass(frozen=True, eq=False)
 class ClusterEvents:
@@ -139,10 +142,18 @@ class Clustering:
             yield from self.end()
             self._start = batch.start
         self._end = batch.stop
-        left, right = self._sides
-        both(lambda: left.add(batch.left), lambda: right.add(batch.right))
+        self._add(batch)
         while (stop := self._next_stop()) <= self._end:
             yield from self._without_flashes(self._take(stop))
+
+    def _add(self, batch: StereoEvents) -> None:
+        """Add the events of both cameras, at once if they are many: a thread costs time too."""
+        left, right = self._sides
+        if len(batch.left) + len(batch.right) < MANY:
+            left.add(batch.left)
+            right.add(batch.right)
+        else:
+            both(lambda: left.add(batch.left), lambda: right.add(batch.right))
 
     def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
         """Yield the clusters of a whole stream."""
