@@ -8,7 +8,7 @@ from typing import Any
 AUTO: dict[str, Any] = {
     "noise": {
         "measurement_information": [4.0, 4.0, 7.0],
-        "track_drift": 0.45,
+        "track_drift": 1.0,
         "motion_memory": 1.0,
         "measurement_memory": 5.0,
     },
