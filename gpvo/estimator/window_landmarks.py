@@ -127,12 +127,18 @@ class WindowLandmarks:
                 window.values(),
                 leaving,
                 others,
-                np.unique(self.measurements.landmark[stays]),
+                self._known_on(stays),
                 self._drift(start - window.states.t[0]),
             )
             update.add_factors([marginal.factor])
             self._prior = marginal.prior
         self.measurements = self.measurements[stays]
+
+    def _known_on(self, stays: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Landmarks that are measured in the window; all while none is, as they may come back."""
+        if stays.any():
+            return np.unique(self.measurements.landmark[stays])
+        return np.union1d(self._prior.number, self.measurements.landmark)
 
     def _drift(self, duration: float) -> Array:
         """(3,) standard deviation of a track's random walk on its landmark, pixels."""

@@ -53,6 +53,22 @@ def camera_of_pixels(camera: StereoCamera, side: int) -> StereoCamera:
     )
 
 
+def predict(camera: StereoCamera, T_now_then: Array, points: Array, disparity: Array) -> Array:
+    """Predict the measurements (N, 3) of landmarks, (u_left, v, disparity), pixels.
+
+    Poses, pixels and disparities are those of `warp`. NaN for landmarks behind the camera.
+    """
+    now = _moved(camera, T_now_then, points, disparity)
+    now[now[:, 2] <= 0] = np.nan
+    return camera.project(now)
+
+
+def _moved(camera: StereoCamera, T_now_then: Array, points: Array, disparity: Array) -> Array:
+    """Points (N, 3) of landmarks in the camera frame of now."""
+    then = camera.triangulate(np.column_stack([points, disparity]))
+    return np.einsum("nij,nj->ni", T_now_then[:, :3, :3], then) + T_now_then[:, :3, 3]
+
+
 def warp(camera: StereoCamera, T_now_then: Array, points: Array, disparity: Array) -> Array:
     """Predict the warps (N, 2, 2) of the image around landmarks.
 
@@ -65,10 +81,9 @@ def warp(camera: StereoCamera, T_now_then: Array, points: Array, disparity: Arra
     What would be shrunk or enlarged more than LARGEST times is left as it is.
     """
     focal = np.array([camera.fx, camera.fy])
-    then = camera.triangulate(np.column_stack([points, disparity]))
-    now = np.einsum("nij,nj->ni", T_now_then[:, :3, :3], then) + T_now_then[:, :3, 3]
+    now = _moved(camera, T_now_then, points, disparity)
     depth = np.maximum(now[:, 2], 1e-6)[:, None, None]
-    slope = T_now_then[:, :3, :2] * then[:, 2, None, None] / depth
+    slope = T_now_then[:, :3, :2] * camera.fx * camera.baseline / disparity[:, None, None] / depth
     change = slope[:, :2] - now[:, :2, None] / depth * slope[:, 2:]
     warps = change * focal[:, None] / focal
     area = np.linalg.det(warps)

@@ -181,8 +181,7 @@ class MotionCompensation:
         self._recent = known[known.frame >= self._frame_count - 2]
 
     def _learn_flows(self) -> None:
-        """Estimate left and right image motion between the two latest clusters, 0 if unknown."""
-        self._flows = UNKNOWN, UNKNOWN
+        """Estimate left and right image motion between the two latest clusters, if it is known."""
         if self._recent is None or len(self._images) < 2:
             return
         seen, (before, latest) = self._recent, list(self._images)[-2:]

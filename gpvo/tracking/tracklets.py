@@ -31,18 +31,25 @@ class Tracklets:
     def __init__(self, config: TrackletConfig) -> None:
         self._config = config
         self._clusters: deque[tuple[int, StereoCluster]] = deque(maxlen=config.history)
+        self._shown: deque[int] = deque(maxlen=config.history)
         self._cluster_count = 0
         self._measurements = Measurements.concatenate([])
         self._taken = np.empty(0, bool)
         self.out_of_bounds = 0
 
     def add(self, cluster: StereoCluster, observations: Observations) -> None:
-        """Add the observations of a new cluster, which lie in it or in earlier clusters."""
-        self._clusters.append((self._cluster_count, cluster))
+        """Add the observations of a new cluster, which lie in it or in earlier clusters.
+
+        Clusters that show nothing, as in a gap of the events, do not count as history.
+        """
+        newest = self._cluster_count
+        self._clusters.append((newest, cluster))
         self._cluster_count += 1
-        self._keep(self._measurements.frame >= self._clusters[0][0])
+        seen = observations.frame == newest
+        if seen.any():
+            self._shown.append(newest)
+            self._keep(self._measurements.frame >= self._shown[0])
         new = [self._measure(number, shown, observations) for number, shown in self._clusters]
-        seen = observations.frame == self._cluster_count - 1
         self.out_of_bounds = int(seen.sum()) - len(new[-1])
         self._measurements = Measurements.concatenate([self._measurements, *new])
         self._taken = np.append(self._taken, np.zeros(sum(map(len, new)), bool))
@@ -51,11 +58,12 @@ class Tracklets:
         """Return pairs of an earlier and the newest measurement of the same landmarks, (N,) each.
 
         The newest is in the newest cluster. The earlier is the first of its landmark in that
-        cluster and the `span` clusters before it; a pair needs two different times.
+        cluster and the `span` clusters before it that show any; a pair needs two different times.
         """
         newest = self._cluster_count - 1
         measurements = self._measurements[self._long_enough()]
-        recent = measurements[measurements.frame >= newest - span]
+        shown = [*self._shown][-(span + 1) :]
+        recent = measurements[measurements.frame >= min(shown, default=newest)]
         later = recent[recent.frame == newest]
         earlier = recent[np.unique(recent.landmark, return_index=True)[1]]
         _, i, j = np.intersect1d(earlier.landmark, later.landmark, return_indices=True)

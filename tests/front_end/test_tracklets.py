@@ -204,6 +204,17 @@ def test_segments_end_in_the_newest_cluster_and_stay_within_the_span(span: int) 
     np.testing.assert_array_equal(segments.earlier[:, 0], [20 + 4 * (3 - span)] * 2)
 
 
+def test_clusters_that_show_nothing_are_no_part_of_span_and_history() -> None:
+    tracklets = Tracklets(CONFIG)
+    for frame in range(12):
+        add(tracklets, frame, *([moving(0, frame)] if frame in (0, 1, 10, 11) else []))
+        if 1 < frame < 10:
+            assert len(tracklets.pairs(span=2)[0]) == 0
+    earlier, later = tracklets.pairs(span=2)
+    assert (earlier.frame.tolist(), later.frame.tolist()) == ([1], [11])
+    assert tracklets.take(ALL).frame.tolist() == [0, 1, 10, 11]
+
+
 @given(seeds)
 @settings(deadline=None, max_examples=30)
 def test_any_segment_has_a_positive_time_and_two_measurements(seed: int) -> None:

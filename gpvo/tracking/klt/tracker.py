@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from factors import StereoCamera
 from gpvo.config import TrackingConfig
 from gpvo.second_thread import both
-from gpvo.tracking.ego_motion import warp
+from gpvo.tracking.ego_motion import predict, warp
 from gpvo.tracking.features import extrema, smooth, strongest_spaced
 from gpvo.tracking.klt.anchors import match_anchors
 from gpvo.tracking.klt.frame import Frame
@@ -30,6 +30,10 @@ from gpvo.tracking.report import TrackingReport
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+
+
+LEAST_AGAIN = 0.25
+"""Least share of the landmarks that come back after a gap: those of fewer are chance matches."""
 
 
 class KltTracker:
@@ -49,6 +53,7 @@ class KltTracker:
     def __init__(self, config: TrackingConfig, camera: StereoCamera | None = None) -> None:
         self._config, self._features, self._camera = config.klt, config.features, camera
         self._previous: Frame | None = None
+        self._blank = False
         self._frame_count = 0
         self._landmark_count = 0
         self.report = TrackingReport(0, 0, 0, 0)
@@ -64,7 +69,10 @@ class KltTracker:
         new = self._in_stereo(features, followed)
         self.report = TrackingReport(len(features), len(new.left), known, len(followed.left))
         frame = followed.joined(new)
-        self._previous = frame
+        if len(frame.landmark) or self._previous is None:
+            self._previous, self._blank = frame, False
+        else:
+            self._blank = True  # nothing was to be seen, and the same landmarks may come back
         self._frame_count += 1
         return Observations(
             frame.landmark,
@@ -83,15 +91,33 @@ class KltTracker:
         if previous is None:
             return frame
         shift = previous.left - previous.right
-        left, found = self._match(previous.left_image, frame.left_image, previous.left)
-        right, found_right = self._match(frame.left_image, frame.right_image, left, left - shift)
+        ahead, shift_ahead = self._predicted(previous, frame)
+        images = previous.left_image, frame.left_image
+        left, found = match_patches(*images, previous.left, ahead, self._config.pyramid_levels)
+        right, found_right = self._match(
+            frame.left_image, frame.right_image, left, left - shift_ahead
+        )
         back, found_back = self._match(frame.right_image, previous.right_image, right)
         end, found_end = self._match(previous.right_image, previous.left_image, back, back + shift)
         closed = np.linalg.norm(end - previous.left, axis=1) < self._config.closure_tolerance
         seen = frame.with_landmarks(previous.landmark, left, right, previous.anchors)
-        return seen.select(
-            found & found_right & found_back & found_end & closed & self._is_stereo(seen)
-        )
+        same = found & found_right & found_back & found_end & closed & self._is_stereo(seen)
+        by_chance = self._blank and same.sum() < LEAST_AGAIN * len(same)
+        return seen.select(np.zeros_like(same) if by_chance else same)
+
+    def _predicted(self, previous: Frame, frame: Frame) -> tuple[Points, Points]:
+        """Where the motion takes landmarks (N, 2) of the previous frame, and left minus right."""
+        shift = previous.left - previous.right
+        if self._camera is None or not len(shift):
+            return previous.left, shift
+        T = np.linalg.inv(frame.T_start_cam) @ previous.T_start_cam
+        T = np.tile(T, (len(shift), 1, 1))
+        seen = previous.left.astype(np.float64), shift[:, 0].astype(np.float64)
+        there = predict(self._camera, T, *seen)
+        behind = ~np.isfinite(there).all(axis=1)
+        there[behind] = np.column_stack(seen)[behind]
+        disparity = there[:, 2:] * [1.0, 0.0]
+        return there[:, :2].astype(np.float32), disparity.astype(np.float32)
 
     def _anchor(self, frame: Frame) -> Frame:
         """Match every landmark with its anchor, so that errors of the matches do not add up.
@@ -163,7 +189,11 @@ class KltTracker:
         return distinct & (correlation >= self._config.min_correlation)
 
     def _match(
-        self, source: Pyramid, target: Pyramid, points: Points, guess: Points | None = None
+        self,
+        source: Pyramid,
+        target: Pyramid,
+        points: Points,
+        guess: Points | None = None,
     ) -> tuple[Points, Mask]:
         """Match the patches around points (N, 2) of the source with the target image.
 
