@@ -29,6 +29,8 @@ DEPARTURES: dict[str, tuple[str, ...]] = {
     "half resolution as well": ("tracking.resolutions",),
     "binary frames, nearest event's time": ("tracking.image", "tracklets.time_radius"),
     "LIBVISO2's descriptors": ("tracking.tracker",),
+    "a new anchor in each frame": ("tracking.klt",),
+    "contours where they are seen": ("tracking.compensation",),
     "landmarks at rest left out": ("tracklets.rest_duration",),
     "tracklets of 40 ms": ("tracklets.min_duration",),
     "fixed noise": (

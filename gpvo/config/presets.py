@@ -27,7 +27,13 @@ PAPER: dict[str, Any] = {
         "hot_pixel_ratio": 0.0,
         "skip_flashes": False,
     },
-    "tracking": {"tracker": "viso2", "resolutions": [1, 2], "image": "binary"},
+    "tracking": {
+        "tracker": "viso2",
+        "resolutions": [1, 2],
+        "image": "binary",
+        "klt": {"anchor_correlation": 1.0},
+        "compensation": {"lag": 0.0},
+    },
     "tracklets": {
         "time_radius": 0.0,
         "max_stereo_time_difference": 0.020,
