@@ -60,6 +60,12 @@ def both(first: Callable[[], T], second: Callable[[], T]) -> tuple[T, T]:
             wait([other])
 
 
+def in_halves(work: Callable[[slice], object], count: int) -> None:
+    """Do the work of `count` independent items at once, in two halves."""
+    half = count // 2
+    both(lambda: work(slice(half)), lambda: work(slice(half, None)))
+
+
 def _renew() -> None:
     """Begin a thread in a forked process: it has none of its parent's."""
     global _helper

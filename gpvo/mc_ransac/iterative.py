@@ -8,7 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import checked_vector
-from factors.kernels.se3 import LEFT, jacobian_coefficients_kernel, kernel, se3_polynomial_kernel
+from factors.kernels.se3 import (
+    LEFT,
+    jacobian_coefficients_kernel,
+    kernel,
+    product_kernel,
+    se3_polynomial_kernel,
+)
 from factors.lie import se3_exp, se3_left_jacobian, skew
 from factors.stereo import StereoCamera
 from gpvo.config import McRansacConfig
@@ -157,8 +163,7 @@ def normal_equations(
         (fx, fy, cx, cy, baseline).
     """
     normal, right = np.zeros((6, 6)), np.zeros(6)
-    by_twist, by_velocity, weighted = np.zeros((3, 6)), np.zeros((3, 6)), np.zeros((3, 6))
-    error = np.empty(3)
+    by_twist, error = np.zeros((3, 6)), np.empty(3)
     for n in range(len(points)):
         x, y, z = move(points[n, 0], points[n, 1], points[n, 2], dt[n], velocity)
         u, v, disparity = camera[0] / z, camera[1] / z, camera[0] * camera[4] / z
@@ -168,23 +173,12 @@ def normal_equations(
         _by_twist(by_twist, x, y, z, u, v, disparity)
         step = -dt[n] * velocity
         jacobian = se3_polynomial_kernel(step, jacobian_coefficients_kernel(step, LEFT))
-        _multiply(by_twist, jacobian, -dt[n], by_velocity)
-        _multiply(information, by_velocity, 1.0, weighted)
+        by_velocity = -dt[n] * product_kernel(by_twist, jacobian)
+        weighted = product_kernel(information, by_velocity)
         _add_products(weighted, by_velocity, error, normal, right)
     for j in range(6):
         normal[:j, j] = normal[j, :j]
     return normal, right
-
-
-@kernel
-def _multiply(A: Array, B: Array, factor: float, product: Array) -> None:
-    """Write factor A B; for matrices this small a library's product takes several times longer."""
-    for i in range(A.shape[0]):
-        for j in range(B.shape[1]):
-            total = 0.0
-            for k in range(A.shape[1]):
-                total += A[i, k] * B[k, j]
-            product[i, j] = factor * total
 
 
 @kernel

@@ -91,9 +91,11 @@ class _ResolutionTracker:
 
     def __init__(self, config: TrackingConfig, side: int, camera: StereoCamera | None) -> None:
         self._side, self._image = side, config.image
-        self._tracker: ImageTracker = Viso2Tracker(config)
+        self._tracker: ImageTracker
         if config.tracker == "klt":
             self._tracker = KltTracker(config, camera and camera_of_pixels(camera, side))
+        else:
+            self._tracker = Viso2Tracker(config)
         self._compensation = MotionCompensation(
             config.compensation, config.earlier_frames + 1, side
         )

@@ -100,14 +100,14 @@ def test_clocks_that_are_apart_are_found_and_measured(
         assert list(found(events(1), events(2, late))) == ["clocks apart"]
     (line,) = caplog.messages
     offset = float(line.partition("stamps are ")[2].partition(" s")[0])
-    assert offset == pytest.approx(late, abs=0.0025) and "--right-offset auto" in line
+    assert offset == pytest.approx(late, abs=0.0005) and "--right-offset auto" in line
 
 
 @pytest.mark.parametrize("late", [0.0, -0.02, 0.05, 0.3])
 def test_a_right_camera_that_is_late_is_corrected_automatically(late: float) -> None:
     recording = Streams(events(1), events(2, late))
     offset = found_offset(recording)
-    assert offset is not None and offset.seconds == pytest.approx(late, abs=0.0025)
+    assert offset is not None and offset.seconds == pytest.approx(late, abs=0.0015)
     corrected = with_right_offset(recording, "auto")
     watch = FaultWatch(UNKNOWN_RIG)
     for batch in corrected.event_batches():

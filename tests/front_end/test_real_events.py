@@ -94,4 +94,5 @@ def test_checks_of_the_patch_find_most_faulty_matches(window: float) -> None:
         (np.abs(box_disparity_errors(tracking, window)) > 2).mean()
         for tracking in (unchecked, TrackingConfig())
     )
-    assert before > 0.01 and after < 0.2 * before
+    # There are faulty ones to be found: 1.8 and 3.0 %.
+    assert before > 0.01 and after < 0.2 * before and after < 0.006

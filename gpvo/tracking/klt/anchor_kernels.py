@@ -15,6 +15,7 @@ from gpvo.tracking.klt.patch_kernels import (
     differentiate,
     dot,
     interpolate,
+    sample_patch,
 )
 
 Array = NDArray[np.float64]
@@ -32,19 +33,10 @@ def cut_patches_kernel(image: Level, points: Points, border: int, half: int) -> 
     The image has a border around it, beyond which its last pixels are repeated.
     """
     side = 2 * half + 1
-    height, width = image.shape
     patches = np.empty((len(points), side, side), np.float32)
+    window = np.empty((side + 1, side + 1), np.float32)
     for i in range(len(points)):
-        u, v = points[i, 0] + border, points[i, 1] + border
-        left, top = int(np.floor(u)), int(np.floor(v))
-        x, y = np.float32(u - left), np.float32(v - top)
-        for row in range(side):
-            upper = min(max(top + row - half, 0), height - 2)
-            for column in range(side):
-                here = min(max(left + column - half, 0), width - 2)
-                above = (1 - x) * image[upper, here] + x * image[upper, here + 1]
-                below = (1 - x) * image[upper + 1, here] + x * image[upper + 1, here + 1]
-                patches[i, row, column] = (1 - y) * above + y * below
+        sample_patch(image, points[i, 0] + border, points[i, 1] + border, window, patches[i])
     return patches
 
 

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.array_table import ArrayTable
-from gpvo.second_thread import both
+from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.anchor_kernels import cut_patches_kernel, match_anchors_kernel
 from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 ROOM = 1.8
 """Half side of a kept patch, in half sides of what is matched: to be turned and made smaller."""
@@ -62,7 +61,7 @@ def match_anchors(
     -1 for those that are not found.
     """
     ends, alike = guess.astype(np.float32), np.full(len(guess), -1.0)
-    inverse, half = np.linalg.inv(warps), len(guess) // 2
+    inverse = np.linalg.inv(warps)
 
     def match(part: slice) -> None:
         match_anchors_kernel(
@@ -74,5 +73,5 @@ def match_anchors(
             alike[part],
         )
 
-    both(lambda: match(slice(half)), lambda: match(slice(half, None)))
+    in_halves(match, len(guess))
     return ends, alike

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.second_thread import both
+from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.patch_kernels import (
     Level,
     Row,
@@ -87,11 +87,11 @@ def match_patches(
     ends, found = guess.astype(np.float32), np.zeros(len(points), np.bool_)
     levels = range(min(coarser + 1, len(source.levels)))
     pairs = tuple((source.levels[level], target.levels[level]) for level in levels)
-    half = len(points) // 2
-    both(
-        lambda: _match_levels(pairs, source.patch_size, points[:half], ends[:half], found[:half]),
-        lambda: _match_levels(pairs, source.patch_size, points[half:], ends[half:], found[half:]),
-    )
+
+    def match(part: slice) -> None:
+        _match_levels(pairs, source.patch_size, points[part], ends[part], found[part])
+
+    in_halves(match, len(points))
     return ends, found
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpvo.tracking.klt.patch_kernels import FAST, corner_weights
+from gpvo.tracking.klt.patch_kernels import FAST, sample_patch
 
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
@@ -27,31 +27,14 @@ def patch_correlation(
     window, a, b = np.empty((side + 1, side + 1)), np.empty((side, side)), np.empty((side, side))
     correlation = np.zeros(len(first_points))
     for i in range(len(first_points)):
-        _sample(first, first_points[i, 0], first_points[i, 1], window, a)
-        _sample(second, second_points[i, 0], second_points[i, 1], window, b)
+        sample_patch(first, first_points[i, 0], first_points[i, 1], window, a)
+        sample_patch(second, second_points[i, 0], second_points[i, 1], window, b)
         a -= a.mean()
         b -= b.mean()
         contrast = np.sqrt(_dot(a, a) * _dot(b, b))
         if contrast > 0:
             correlation[i] = _dot(a, b) / contrast
     return correlation
-
-
-@njit(cache=True, nogil=True)
-def _sample(image: Image, u: float, v: float, window: Patch, patch: Patch) -> None:
-    """Sample the patch around (u, v) bilinearly from a window of whole pixels."""
-    height, width = image.shape
-    side = len(patch)
-    left, top = int(np.floor(u)), int(np.floor(v))
-    for row in range(side + 1):
-        line = image[min(max(top - side // 2 + row, 0), height - 1)]
-        for column in range(side + 1):
-            window[row, column] = line[min(max(left - side // 2 + column, 0), width - 1)]
-    a, b, c, d = corner_weights(u - left, v - top)
-    for row in range(side):
-        upper, lower, samples = window[row], window[row + 1], patch[row]
-        for k in range(side):
-            samples[k] = a * upper[k] + b * upper[k + 1] + c * lower[k] + d * lower[k + 1]
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)

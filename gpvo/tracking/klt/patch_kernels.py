@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -42,6 +44,28 @@ def interpolate(window: Row, x: float, y: float, width: int, samples: Row) -> No
 def corner_weights(x: float, y: float) -> Corners:
     """Compute the weights of the four pixels around a place (x, y) from the first of them."""
     return (1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y
+
+
+@njit(cache=True, nogil=True)
+def sample_patch(
+    image: NDArray[Any], u: float, v: float, window: NDArray[Any], patch: NDArray[Any]
+) -> None:
+    """Sample a patch (side, side) around (u, v) bilinearly; the border's pixels are repeated.
+
+    The window (side + 1, side + 1) is to work in.
+    """
+    height, width = image.shape
+    side = len(patch)
+    left, top = int(np.floor(u)), int(np.floor(v))
+    for row in range(side + 1):
+        line = image[min(max(top - side // 2 + row, 0), height - 1)]
+        for column in range(side + 1):
+            window[row, column] = line[min(max(left - side // 2 + column, 0), width - 1)]
+    a, b, c, d = corner_weights(u - left, v - top)
+    for row in range(side):
+        upper, lower, samples = window[row], window[row + 1], patch[row]
+        for k in range(side):
+            samples[k] = a * upper[k] + b * upper[k + 1] + c * lower[k] + d * lower[k + 1]
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)

@@ -10,8 +10,6 @@ by the motion since: a match with a previous frame adds its error to that of the
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -100,10 +98,12 @@ class KltTracker:
         back, found_back = self._match(frame.right_image, previous.right_image, right)
         end, found_end = self._match(previous.right_image, previous.left_image, back, back + shift)
         closed = np.linalg.norm(end - previous.left, axis=1) < self._config.closure_tolerance
+        same = found & found_right & found_back & found_end & closed
+        same &= self._is_stereo(frame, left, right)
+        if self._blank and same.sum() < LEAST_AGAIN * len(same):
+            return frame
         seen = frame.with_landmarks(previous.landmark, left, right, previous.anchors)
-        same = found & found_right & found_back & found_end & closed & self._is_stereo(seen)
-        by_chance = self._blank and same.sum() < LEAST_AGAIN * len(same)
-        return seen.select(np.zeros_like(same) if by_chance else same)
+        return seen.select(same)
 
     def _predicted(self, previous: Frame, frame: Frame) -> tuple[Points, Points]:
         """Where the motion takes landmarks (N, 2) of the previous frame, and left minus right."""
@@ -134,7 +134,7 @@ class KltTracker:
         seen = frame.with_landmarks(frame.landmark, left, right, frame.anchors)
         seen, changed = seen.select(known & near), frame.select(~known)
         seen = seen.joined(frame.anchored(changed.landmark, changed.left, changed.right))
-        return seen.select(self._is_stereo(seen))
+        return seen.select(self._is_stereo(frame, seen.left, seen.right))
 
     def _warps(self, frame: Frame) -> NDArray[np.float64]:
         """Warps (N, 2, 2) from the anchors' images to the frame."""
@@ -158,33 +158,32 @@ class KltTracker:
         right, found = self._match(frame.left_image, frame.right_image, left)
         back, found_back = self._match(frame.right_image, frame.left_image, right)
         closed = np.linalg.norm(back - left, axis=1) < self._config.closure_tolerance
-        new = frame.anchored(np.zeros(len(left), np.int64), left, right)
-        new = new.select(found & found_back & closed & self._is_stereo(new))
-        landmark = self._landmark_count + np.arange(len(new.left))
+        new = found & found_back & closed & self._is_stereo(frame, left, right)
+        landmark = self._landmark_count + np.arange(new.sum())
         self._landmark_count += len(landmark)
-        return replace(new, landmark=landmark)
+        return frame.anchored(landmark, left[new], right[new])
 
-    def _is_stereo(self, frame: Frame) -> Mask:
+    def _is_stereo(self, frame: Frame, left: Points, right: Points) -> Mask:
         """Check that rows agree, disparities are positive, and points are inside and look alike."""
         height, width = frame.left_image.image.shape
         size = np.array([width, height])
-        inside = ((frame.left >= 0) & (frame.left < size)).all(axis=1)
-        inside &= ((frame.right >= 0) & (frame.right < size)).all(axis=1)
-        row_difference = np.abs(frame.left[:, 1] - frame.right[:, 1])
-        positive = frame.left[:, 0] > frame.right[:, 0]
+        inside = ((left >= 0) & (left < size)).all(axis=1)
+        inside &= ((right >= 0) & (right < size)).all(axis=1)
+        row_difference = np.abs(left[:, 1] - right[:, 1])
+        positive = left[:, 0] > right[:, 0]
         close = row_difference < self._config.row_tolerance
-        return inside & positive & close & self._is_similar(frame)
+        return inside & positive & close & self._is_similar(frame, left, right)
 
-    def _is_similar(self, frame: Frame) -> Mask:
+    def _is_similar(self, frame: Frame, left: Points, right: Points) -> Mask:
         """Check that the middle of a patch is similar in both images and distinct along the row.
 
         Contours at the margins of the whole patch can determine its match. They may be at another
         depth, while the middle is only noise.
         """
         radius = self._config.patch_size // 4
-        left, right = frame.left_image.image, frame.right_image.image
-        correlation = patch_correlation(left, frame.left, right, frame.right, radius)
-        gradient = row_gradient(left, frame.left, radius)
+        image, other = frame.left_image.image, frame.right_image.image
+        correlation = patch_correlation(image, left, other, right, radius)
+        gradient = row_gradient(image, left, radius)
         distinct = gradient >= self._config.min_row_gradient
         return distinct & (correlation >= self._config.min_correlation)
 
