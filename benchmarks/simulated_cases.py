@@ -100,18 +100,18 @@ CASES = (
 
 def all_cases(reference: Path = REFERENCE) -> tuple[Case, ...]:
     """Return the suite, with real flights if their ground truth is present."""
+    config = SimulationConfig()
     flights = (
-        Case(name, SimulationConfig(), real_flight(reference / folder, start))
+        Case(name, config, real_flight(reference / folder, start, config.duration))
         for name, (folder, start) in FLIGHTS.items()
         if (reference / folder).is_dir()
     )
     return (*CASES, *flights)
 
 
-def real_flight(folder: Path, start: float) -> StampedPoses:
-    """Read a part of a real flight, from a level first camera at the world's origin."""
+def real_flight(folder: Path, start: float, duration: float) -> StampedPoses:
+    """Read `duration` seconds of a real flight, from a level first camera at the world's origin."""
     truth = load_poses(folder / "stamped_groundtruth.txt")
-    duration = SimulationConfig().duration
     seconds = np.arange(start, start + duration + 2.5 * FLIGHT_STEP, FLIGHT_STEP)
     piece = truth.interpolate(truth.stamps_ns[0] + np.round(seconds * 1e9).astype(np.int64))
     return piece.in_world(AHEAD @ np.linalg.inv(piece.T_world_cam[0]))

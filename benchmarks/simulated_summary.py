@@ -143,8 +143,8 @@ def change_text(now: Mapping[int, float], then: Mapping[int, float], metric: Met
     return f"{100.0 * relative:+.0f} % {'better' if better else 'worse'}"
 
 
-def write_summary(path: Path, results: Sequence[CaseResult], facts: Mapping[str, Any]) -> None:
-    """Write all results, their configuration and their simulations."""
+def write_summary(path: Path, results: Sequence[Any], facts: Mapping[str, Any]) -> None:
+    """Write all results, which are dataclasses, with their configuration and simulations."""
     rows = [{name: _plain(value) for name, value in asdict(result).items()} for result in results]
     text = json.dumps({**facts, "results": rows}, indent=2)
     path.write_text(text + "\n", encoding="utf-8")
