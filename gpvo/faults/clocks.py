@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from gpvo.faults.fault import Fault
 from gpvo.recordings import StereoEvents, StereoRig
 from gpvo.recordings.checks.clock_offset import ClockOffset
@@ -35,7 +37,7 @@ class ClockWatch:
     def __init__(self, rig: StereoRig) -> None:
         self.latest: ClockOffset | None = None
         self._rates, self._next = RowRates(rig, REMEMBERED), 0.0
-        self._said: float | None = None
+        self._said: ClockOffset | None = None
 
     def see(self, batch: StereoEvents) -> Iterator[Fault]:
         """Look at the next events; yield what is wrong once two looks agree."""
@@ -50,14 +52,19 @@ class ClockWatch:
 
     def _judge(self, found: ClockOffset) -> Iterator[Fault]:
         if self._said is None and found.is_apart:
-            self._said = found.seconds
+            self._said = found
             yield _apart(found, self._rates.start)
-        elif self._said is not None and abs(found.seconds - self._said) > SAME + found.deviation:
+        elif self._said is not None and _differ(self._said, found):
             yield _drift(self._said, found, self._rates.start)
 
 
 def _agree(before: ClockOffset | None, found: ClockOffset | None) -> bool:
     return bool(before and found and abs(found.seconds - before.seconds) <= SAME)
+
+
+def _differ(before: ClockOffset, now: ClockOffset) -> bool:
+    """Return whether two offsets differ beyond doubt, as `ClockOffset.is_apart` does from 0."""
+    return bool(abs(now.seconds - before.seconds) > 3 * np.hypot(before.deviation, now.deviation))
 
 
 def _apart(found: ClockOffset, t: float) -> Fault:
@@ -71,12 +78,12 @@ def _apart(found: ClockOffset, t: float) -> Fault:
     )
 
 
-def _drift(before: float, now: ClockOffset, t: float) -> Fault:
+def _drift(before: ClockOffset, now: ClockOffset, t: float) -> Fault:
     return Fault(
         "clocks drift",
         t,
-        f"the cameras' clocks drift: the right one's stamps were {before:+.3f} s late and are"
+        f"the cameras' clocks drift: the right one's stamps were {before} late and are"
         f" {now} now; synchronise them by hardware",
-        numbers={"offset_before_s": before, "offset_s": now.seconds},
+        numbers={"offset_before_s": before.seconds, "offset_s": now.seconds},
         fails=True,
     )

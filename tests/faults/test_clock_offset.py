@@ -8,13 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
 
-from gpvo.recordings import Events, Recording, StereoEvents, open_recording
+from gpvo.recordings import Events, Recording, StereoEvents, StereoRig, open_recording
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.right_offset import found_offset
+from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
+from gpvo.simulation.motion import Motion
 
 SIZE = np.array([320, 240])
+RIG = SimulationConfig(resolution=(320, 240), focal_length=200.0).rig
 SHARED = Path(__file__).resolve().parents[3] / "shared/recordings"
 
 
@@ -53,8 +58,8 @@ def contours(
 class Streams(Recording):
     """A recording in memory."""
 
-    def __init__(self, left: Events, right: Events) -> None:
-        self.path, self.start_ns, self.rig = Path("streams"), 0, UNKNOWN_RIG
+    def __init__(self, left: Events, right: Events, rig: StereoRig = UNKNOWN_RIG) -> None:
+        self.path, self.start_ns, self.rig = Path("streams"), 0, rig
         self.duration = float(min(left.t[-1], right.t[-1]))
         self._sides = left, right
 
@@ -67,24 +72,47 @@ class Streams(Recording):
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("farthest", [10.0, 150.0])
 @pytest.mark.parametrize("late", [0.0, -0.02, 0.05, 0.3])
+@pytest.mark.parametrize("rig", [UNKNOWN_RIG, RIG], ids=["uncalibrated", "calibrated"])
 def test_the_offset_does_not_depend_on_the_baseline(
-    late: float, farthest: float, seed: int
+    rig: StereoRig, late: float, farthest: float, seed: int
 ) -> None:
     """Contours reach the right image's border up to a second before the left one's."""
-    found = found_offset(Streams(*contours(late, farthest, seed)))
+    found = found_offset(Streams(*contours(late, farthest, seed), rig))
     assert found is not None
     assert abs(found.seconds - late) < 3 * found.deviation and found.deviation < 0.006
     assert found.is_apart == (late != 0)
 
 
+@pytest.fixture(scope="module")
+def turning() -> SimulatedRecording:
+    """A camera that goes round a circle at constant rate, 10 s a round, looking ahead."""
+    times = np.linspace(-1.0, 4.0, 101)
+    angle = 2 * np.pi * times / 10.0
+    circle = np.stack([1.5 * np.sin(angle), -1.5 * np.cos(angle), 0.0 * angle], axis=1)
+    ahead = Rotation.from_matrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    turned = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]) * ahead
+    motion = Motion(CubicSpline(times, circle), RotationSpline(times, turned))
+    config = SimulationConfig(resolution=(240, 180), focal_length=157.0, duration=2.0, seed=1)
+    return simulate(config, motion)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.03])
+def test_a_constant_turn_tells_no_offset(turning: SimulatedRecording, late: float) -> None:
+    """Disparity / image speed looks like one: contours enter and leave the right rows later."""
+    right = replace(turning.right, t=turning.right.t + late)
+    found = found_offset(Streams(turning.left, right, turning.rig))
+    assert found is None or not found.is_apart or abs(found.seconds - late) < 3 * found.deviation
+
+
 @pytest.mark.parametrize("rows", [4, 8])
 @pytest.mark.parametrize("seed", [0, 3])
-def test_rows_that_differ_are_no_offset(rows: int, seed: int) -> None:
+@pytest.mark.parametrize("rig", [UNKNOWN_RIG, RIG], ids=["uncalibrated", "calibrated"])
+def test_rows_that_differ_are_no_offset(rig: StereoRig, rows: int, seed: int) -> None:
     """A calibration that is wrong by some rows looks late while the image moves up or down."""
     left, right = contours(0.0, 10.0, seed, climb=200.0)
-    lower = replace(right, y=(right.y + rows).astype(np.uint16))
+    lower = replace(right, y=np.minimum(right.y + rows, SIZE[1] - 1).astype(np.uint16))
     for side in (right, lower):
-        found = found_offset(Streams(left, side))
+        found = found_offset(Streams(left, side, rig))
         assert found is None or not found.is_apart
 
 
@@ -105,8 +133,7 @@ def test_larger_recordings(late: float, name: str, calibration: str) -> None:
     left, right = (
         Events.concatenate(getattr(batch, side) for batch in batches) for side in ("left", "right")
     )
-    streams = Streams(left, replace(right, t=right.t + late))
-    streams.rig = recording.rig
-    found = found_offset(streams)
+    right = replace(right, t=right.t + late)
+    found = found_offset(Streams(left, right, recording.rig))
     assert found is not None and abs(found.seconds - late) < 3 * found.deviation
     assert found.is_apart == (late != 0)

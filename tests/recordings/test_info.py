@@ -12,7 +12,7 @@ from encoders import START_NS, column_file, event_block, evt3_words, raw_file, s
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reading import assert_recording_holds
-from recording_files import HEIGHT
+from recording_files import HEIGHT, WIDTH
 from typer.testing import CliRunner
 
 from gpvo.commands.cli import app
@@ -162,9 +162,9 @@ def test_an_offset_is_reported(tmp_path: Path, calibration: Path) -> None:
     rng = np.random.default_rng(1)
     counts = rng.poisson(bursts(2) / 10)
     t_ns = START_NS + 2_000_000 * np.repeat(np.arange(1500), counts) + 500_000
-    x = np.zeros(len(t_ns), np.uint16)
+    x = rng.integers(0, WIDTH, len(t_ns)).astype(np.uint16)
     y = rng.integers(0, HEIGHT, len(t_ns)).astype(np.uint16)
-    block = EventBlock(x, y, t_ns, x > 0)
+    block = EventBlock(x, y, t_ns, x % 2 > 0)
     column_file(tmp_path / "left.h5", block)
     column_file(tmp_path / "right.h5", shifted(block, 40_000_000))
     summary = summarise(open_recording(tmp_path, calibration))

@@ -1,6 +1,13 @@
-"""Count the events of both cameras in bands of rows, as they come, to compare the clocks."""
+"""Count the events of both cameras in bands of rows, as they come, to compare the clocks.
+
+A camera that turns evenly sees a contour enter and leave the left image's rows, and the right
+one's later, by disparity / image speed: it looks as if the right clock were late. So events count
+by sin^2(pi x / width): contours fade in and out, and slow changes of the rates do not count.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +20,9 @@ from gpvo.recordings.checks.clock_offset import BIN, ClockOffset, clock_offset
 BANDS = 64
 """Number of bands of rectified rows."""
 UNKNOWN_BAND = 16
-"""Rows of a band of cameras without calibration."""
+"""Rows of a band of cameras without calibration, whose columns all count alike."""
+STEPS = 64
+"""Parts of which an event's weight is a whole number: sums are exact in any order."""
 MOST = 300_000
 """Events per second that are counted of a camera; of more, every second, third ..."""
 
@@ -35,7 +44,7 @@ class RowRates:
     """
 
     def __init__(self, rig: StereoRig, remembered: float) -> None:
-        self._bands = [_bands(rig, side) for side in (0, 1)]
+        self._pixels = [_pixels(rig, side) for side in (0, 1)]
         self._size = round(remembered / BIN)
         self._counts = np.zeros((2, 2 * BANDS, 2 * self._size), np.float32)
         self._first = self.stop = 0
@@ -79,24 +88,40 @@ class RowRates:
         self._counts[:], self._first = 0, begin
         self._counts[:, :, : known.shape[2]] = known
 
-    def _count(self, side: int, events: Events, weight: int, first: int, stop: int) -> None:
-        """Add the events of the bins from `first` to before `stop`, each `weight` times."""
-        bands, y = self._bands[side], events.y
-        band = y // UNKNOWN_BAND if bands is None else bands[y, events.x]
+    def _count(self, side: int, events: Events, some: int, first: int, stop: int) -> None:
+        """Add the events of the bins from `first` to before `stop`, `some` times their weights."""
+        band, weight = _bands_and_weights(self._pixels[side], events)
         time = np.minimum((events.t / BIN).astype(np.int64), stop - 1) - first  # may be rounded up
         inside = (band < BANDS) & (time >= 0)
         row = 2 * band[inside].astype(np.int64) + events.polarity[inside]
         shape = 2 * BANDS, stop - first
-        count = np.bincount(row * shape[1] + time[inside], minlength=shape[0] * shape[1])
+        bins = row * shape[1] + time[inside]
+        count = np.bincount(bins, weight[inside], minlength=shape[0] * shape[1])
         place = slice(first - self._first, stop - self._first)
-        self._counts[side, :, place] += weight * count.reshape(shape)
+        self._counts[side, :, place] += some * count.reshape(shape)
 
 
-def _bands(rig: StereoRig, side: int) -> NDArray[np.uint8] | None:
-    """Return the band of each raw pixel, BANDS outside; None without calibration."""
-    height = rig.resolution[1]
+class _Pixels(NamedTuple):
+    """What each raw pixel (height, width) counts for."""
+
+    band: NDArray[np.uint8]  # BANDS outside of the rectified rows
+    weight: NDArray[np.float32]
+
+
+def _pixels(rig: StereoRig, side: int) -> _Pixels | None:
+    """Return what the pixels count for; None without calibration."""
     if rig.resolution == LARGEST:
         return None
-    row = rig.tables[side][:, :, 1]
+    (width, height), x_y = rig.resolution, rig.tables[side]
+    row, part = x_y[:, :, 1], np.clip((x_y[:, :, 0] + 0.5) / width, 0.0, 1.0)
     inside = (row >= 0) & (row < height)
-    return np.where(inside, np.where(inside, row, 0) * BANDS / height, BANDS).astype(np.uint8)
+    band = np.where(inside, np.where(inside, row, 0) * BANDS / height, BANDS)
+    weight = np.round(STEPS * np.sin(np.pi * part) ** 2) / STEPS
+    return _Pixels(band.astype(np.uint8), weight.astype(np.float32))
+
+
+def _bands_and_weights(pixels: _Pixels | None, events: Events) -> tuple[NDArray, NDArray]:
+    x, y = events.x, events.y
+    if pixels is None:
+        return y // UNKNOWN_BAND, np.ones(len(events), np.float32)
+    return pixels.band[y, x], pixels.weight[y, x]
