@@ -16,6 +16,7 @@ from gpvo.commands.inputs import (
     Config,
     LeftTopic,
     Output,
+    RightOffset,
     RightTopic,
     Seed,
     checked_duration,
@@ -40,6 +41,7 @@ from gpvo.live.warm_up import warm_up
 from gpvo.lost_stage import lost_stage
 from gpvo.observer import observers
 from gpvo.recordings import StereoRig, open_recording, read_calibration
+from gpvo.recordings.right_offset import offset_of, offset_seconds
 
 
 def live(
@@ -54,6 +56,7 @@ def live(
     seed: Seed = None,
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
+    right_offset: RightOffset = "0",
     view: View = False,
     save: Save = None,
     video: Video = None,
@@ -65,7 +68,8 @@ def live(
     """
     configuration = configured(config, seed)
     span = start, checked_duration(duration) or np.inf
-    rig, events = _opened(source, calibration, speed, span, left_topic, right_topic)
+    topics = left_topic, right_topic
+    rig, events, late = _opened(source, calibration, speed, span, topics, right_offset)
     folder = claim_folder(output or new_folder(_name(source)), FILES)
     recorder = Recorder(record, rig) if record else None
     with console.status("getting ready"):
@@ -74,7 +78,7 @@ def live(
     with ExitStack() as opened:
         watch, seen = Watch(view, save, video), Seen()
         observer = observers(seen, opened.enter_context(watch.observer(meter.stages)))
-        odometry = LiveOdometry(rig, configuration, observer, stage=meter.stage)
+        odometry = LiveOdometry(rig, configuration, observer, stage=meter.stage, right_offset=late)
         session = LiveSession(odometry, rig, events, recorder)
         advance = opened.enter_context(_shown(session, folder, span[1]))
         interruption = opened.enter_context(end_at_ctrl_c(events.close))
@@ -121,17 +125,25 @@ def _opened(
     calibration: Path | None,
     speed: float,
     span: tuple[float, float],
-    left_topic: str | None,
-    right_topic: str | None,
-) -> tuple[StereoRig, Source]:
-    """Open cameras or a recording, and the rig of either."""
+    topics: tuple[str | None, str | None],
+    offset: str,
+) -> tuple[StereoRig, Source, float]:
+    """Open cameras or a recording: the rig, the events, and how late the right stamps are."""
     if not is_camera(source):
-        recording = open_recording(Path(source), calibration, left_topic, right_topic)
-        return recording.rig, RecordingPlayer(recording, speed, *span)
+        recording = open_recording(Path(source), calibration, *topics)
+        late, (start, duration) = offset_of(recording, offset), span
+        # The right camera's events of the last moment have later stamps.
+        player = RecordingPlayer(recording, speed, start, duration + abs(late))
+        return recording.rig, player, late
     if calibration is None:
         raise InputError(f"{source}: --calibration is needed for cameras")
-    rig = read_calibration(calibration)
-    return rig, open_cameras(source, rig)
+    if offset == "auto":
+        raise InputError(
+            "--right-offset auto: needs a recording; keep one by --record, and give the seconds"
+            " that gpvo info says of it"
+        )
+    late, rig = offset_seconds(offset), read_calibration(calibration)
+    return rig, open_cameras(source, rig), late
 
 
 def _name(source: str) -> str:

@@ -72,7 +72,8 @@ def _apart(found: ClockOffset, t: float) -> Fault:
         "clocks apart",
         t,
         f"the right camera's stamps are {found} late: its events follow the left one's by that"
-        " time; synchronise the clocks, or correct it by gpvo run --right-offset auto",
+        " time; synchronise the clocks, or correct it by gpvo run --right-offset auto, or gpvo live"
+        f" --right-offset {found.seconds:.3f}",
         numbers={"offset_s": found.seconds, "deviation_s": found.deviation},
         fails=True,
     )

@@ -7,8 +7,11 @@ from contextlib import AbstractContextManager, nullcontext
 from threading import Lock
 from typing import Any
 
+import numpy as np
+
 from gpvo.cluster_report import ClusterReport
 from gpvo.config import Configuration
+from gpvo.errors import InputError
 from gpvo.live.pairing import StereoPairing
 from gpvo.live.raw_events import NO_EVENTS, RawEvents
 from gpvo.observer import Observer, Step, no_observer
@@ -43,11 +46,19 @@ class LiveOdometry:
         that come later still are left out, and counted in `late`. inf waits for ever.
     stage
         Entered around every stage with the stage's name, to time it.
+    right_offset
+        Seconds by which the right camera's stamps are late, to the nanosecond; its events are taken
+        earlier by that, as `gpvo run --right-offset` does.
 
     Attributes
     ----------
     reports
         What became of each cluster so far.
+
+    Raises
+    ------
+    InputError
+        If the offset is not finite.
     """
 
     def __init__(
@@ -57,8 +68,12 @@ class LiveOdometry:
         observer: Observer = no_observer,
         patience: float = 0.5,
         stage: Callable[[str], AbstractContextManager[Any]] = nullcontext,
+        right_offset: float = 0.0,
     ) -> None:
-        self._pairing = StereoPairing(rig, patience)
+        if not np.isfinite(right_offset):
+            raise InputError(f"right_offset: {right_offset} must be a number of seconds")
+        self.right_offset = right_offset
+        self._pairing = StereoPairing(rig, patience, right_offset)
         self._latest: MotionEstimate | None = None
         self._lock = Lock()
         self._closed = False

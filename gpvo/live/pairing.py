@@ -19,26 +19,48 @@ LONGEST_NS = 2**62
 
 
 class _Side:
-    """Checked events of one camera that are in no batch yet."""
+    """Checked events of one camera that are in no batch yet.
 
-    def __init__(self) -> None:
+    Attributes
+    ----------
+    waiting
+        The events, with corrected stamps.
+    newest_ns
+        Stamp of the newest event, by the camera's own clock, which is `offset_ns` late.
+    late
+        Number of events that came after their time had been given up.
+    """
+
+    def __init__(self, offset_ns: int = 0) -> None:
         self.waiting: list[EventBlock] = []
         self.newest_ns = NEVER
         self.late = 0
+        self._offset_ns = offset_ns
+
+    @property
+    def reached_ns(self) -> int:
+        """Corrected stamp of the newest event."""
+        return self.newest_ns - self._offset_ns
 
     def add(self, block: EventBlock, begin_ns: int) -> None:
         """Add events; those before `begin_ns` come too late."""
         if len(block) == 0:
             return
         self.newest_ns = int(block.t_ns[-1])
-        first = int(np.searchsorted(block.t_ns, begin_ns))
-        self.late += first
-        if first < len(block):
-            self.waiting.append(block[first:])
+        block = replace(block, t_ns=block.t_ns - self._offset_ns)
+        in_time = _since(block, begin_ns)
+        self.late += len(block) - len(in_time)
+        if len(in_time):
+            self.waiting.append(in_time)
 
     def first_ns(self) -> int:
-        """Return the stamp of the first event that waits; ALWAYS without any."""
-        return int(self.waiting[0].t_ns[0]) if self.waiting else ALWAYS
+        """Return the first stamp that waits, by the camera's own clock; ALWAYS without any."""
+        return int(self.waiting[0].t_ns[0]) + self._offset_ns if self.waiting else ALWAYS
+
+    def leave_out(self, begin_ns: int) -> None:
+        """Leave out what waits from before `begin_ns`."""
+        kept = (_since(block, begin_ns) for block in self.waiting)
+        self.waiting = [block for block in kept if len(block)]
 
     def take(self, stop_ns: int, start_ns: int) -> Events:
         """Take the events before `stop_ns`, in seconds since `start_ns`."""
@@ -53,10 +75,16 @@ class _Side:
         )
 
 
+def _since(block: EventBlock, begin_ns: int) -> EventBlock:
+    return block[int(np.searchsorted(block.t_ns, begin_ns)) :]
+
+
 class StereoPairing:
     """Batches of two streams; see `LiveOdometry` for the parameters.
 
     A batch ends with the newest event of the camera that is behind, as more may come at its time.
+    The first one, and that after an end, begins with the first event by the cameras' own clocks,
+    as a recording does; what is corrected to before it is left out.
 
     Attributes
     ----------
@@ -64,10 +92,14 @@ class StereoPairing:
         Absolute stamp of t = 0, the first event of either camera; None before.
     """
 
-    def __init__(self, rig: StereoRig, patience: float) -> None:
+    def __init__(self, rig: StereoRig, patience: float, right_offset: float = 0.0) -> None:
+        offset_ns = round(right_offset * 1e9)
         self._cameras = {"left": rig.left, "right": rig.right}
-        self._sides = {"left": _Side(), "right": _Side()}
+        self._sides = {"left": _Side(), "right": _Side(offset_ns)}
+        self._patience = patience
+        # Corrected, a camera is behind by the offset while both are alive.
         self._patience_ns = LONGEST_NS if np.isinf(patience) else round(patience * 1e9)
+        self._patience_ns += abs(offset_ns)
         self.start_ns: int | None = None
         self._stop_ns, self._waits = NEVER, True
         self._behind: str | None = None
@@ -79,7 +111,7 @@ class StereoPairing:
 
     @property
     def newest_ns(self) -> int:
-        """Stamp of the newest event of either camera."""
+        """Stamp of the newest event of either camera, by its own clock."""
         return max(side.newest_ns for side in self._sides.values())
 
     def push(self, left: RawEvents, right: RawEvents) -> StereoEvents | None:
@@ -103,6 +135,8 @@ class StereoPairing:
         newest_ns = self.newest_ns
         batch = self._batch(newest_ns + 1)
         self._waits = True
+        for side in self._sides.values():
+            side.waiting.clear()  # no event of the other camera is of its time
         if batch is None or self.start_ns is None:
             return None
         # As short after the newest event as a recording that ends with it.
@@ -111,12 +145,12 @@ class StereoPairing:
 
     @property
     def _begin_ns(self) -> int:
-        """Stamp of the first event that waits; ALWAYS without any."""
+        """First stamp that waits, by the cameras' own clocks; ALWAYS without any."""
         return min(side.first_ns() for side in self._sides.values())
 
     def _complete_ns(self) -> int:
         """Return the time before which no event is waited for, nanoseconds."""
-        left, right = (side.newest_ns for side in self._sides.values())
+        left, right = (side.reached_ns for side in self._sides.values())
         complete, patient = min(left, right), max(left, right) - self._patience_ns
         is_given_up = patient > max(complete, self._begin_ns)
         self._say_who_is_behind(("left" if left < right else "right") if is_given_up else None)
@@ -124,8 +158,9 @@ class StereoPairing:
 
     def _say_who_is_behind(self, name: str | None) -> None:
         if name is not None and name != self._behind:
-            seconds = self._patience_ns / 1e9
-            log.warning("no events of the %s camera for %g s: going on without", name, seconds)
+            log.warning(
+                "no events of the %s camera for %g s: going on without", name, self._patience
+            )
         elif name is None and self._behind is not None:
             log.warning("the %s camera's events are back", self._behind)
         self._behind = name
@@ -135,6 +170,9 @@ class StereoPairing:
         begin_ns = self._begin_ns if self._waits else self._stop_ns
         if begin_ns >= stop_ns:
             return None
+        if self._waits:
+            for side in self._sides.values():
+                side.leave_out(begin_ns)
         if self.start_ns is None:
             self.start_ns = begin_ns
         start, stop = ((t_ns - self.start_ns) / 1e9 for t_ns in (begin_ns, stop_ns))

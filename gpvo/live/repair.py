@@ -113,15 +113,15 @@ class CameraRepair:
 class Repair:
     """Repairs both cameras' events, and finds the offset of their clocks and watches it.
 
-    Clocks that are synchronised agree; others are aligned by the events' time of arrival, which is
-    good to some milliseconds.
+    Clocks that are synchronised agree, or differ by the `right_offset` seconds that are corrected
+    later; others are aligned by the events' time of arrival, which is good to some milliseconds.
     """
 
-    def __init__(self, rig: StereoRig) -> None:
+    def __init__(self, rig: StereoRig, right_offset: float = 0.0) -> None:
         clock = Clock()
         self._left = CameraRepair("left", rig.left, clock)
         self._right = CameraRepair("right", rig.right, clock)
-        self._offset = ClockOffset()
+        self._offset = ClockOffset(round(right_offset * 1e9))
 
     @property
     def faults(self) -> Faults:
@@ -139,9 +139,13 @@ class Repair:
 
 
 class ClockOffset:
-    """Offset of the right camera's clock from the left one's, by the least delay of arrival."""
+    """Offset of the right camera's clock from the left one's, by the least delay of arrival.
 
-    def __init__(self) -> None:
+    Its stamps are left `known_ns` late.
+    """
+
+    def __init__(self, known_ns: int = 0) -> None:
+        self._known_ns = known_ns
         self._least: dict[str, int] = {}
         self._began = 0.0
         self._shift_ns: int | None = None
@@ -149,6 +153,8 @@ class ClockOffset:
 
     def aligned(self, packet: Packet) -> EventBlock:
         """Return the right camera's events on the left one's clock."""
+        if packet.is_played:
+            return packet.right
         for name, block in (("left", packet.left), ("right", packet.right)):
             if len(block):
                 delay = round(packet.arrival * 1e9) - int(block.t_ns[-1])
@@ -167,8 +173,9 @@ class ClockOffset:
     def _watch(self, offset_ns: int, arrival: float) -> None:
         """Follow the right clock's lead over the left one."""
         if self._shift_ns is None:
-            is_common = abs(offset_ns) <= LARGEST_DELAY_NS
-            self._shift_ns, self._began = 0 if is_common else offset_ns, arrival
+            is_common = abs(offset_ns - self._known_ns) <= LARGEST_DELAY_NS
+            self._shift_ns = 0 if is_common else offset_ns - self._known_ns
+            self._began = arrival
             if not is_common:
                 log.warning(
                     "the cameras' clocks are not synchronised: the right one is %+.3f s ahead;"

@@ -119,7 +119,7 @@ class LiveSession:
         record: Callable[[EventBlock, EventBlock], None] | None = None,
     ) -> None:
         self.live, self.latency, self.load = live, Latency(), Load()
-        self._repair, self._record = Repair(rig), record
+        self._repair, self._record = Repair(rig, live.right_offset), record
         self._source, self._missing = source, False
         self._to_estimate: list[float] = []
         self._progress: Callable[[ClusterReport], None] = lambda _: None

@@ -43,7 +43,13 @@ class ShiftedRecording(Recording):
 
 
 def with_right_offset(recording: Recording, offset: str) -> Recording:
-    """Return the recording with the right camera's stamps earlier by an offset.
+    """Return the recording with the right camera's stamps earlier; see `offset_of`."""
+    late = offset_of(recording, offset)
+    return recording if late == 0 else ShiftedRecording(recording, late)
+
+
+def offset_of(recording: Recording, offset: str) -> float:
+    """Return the seconds by which the right camera's stamps are late.
 
     Parameters
     ----------
@@ -56,8 +62,7 @@ def with_right_offset(recording: Recording, offset: str) -> Recording:
         If it is neither, or the rates show no clear offset.
     """
     if offset != "auto":
-        late = _seconds(offset)
-        return recording if late == 0 else ShiftedRecording(recording, late)
+        return offset_seconds(offset)
     found = found_offset(recording)
     if found is None:
         raise InputError(
@@ -65,9 +70,9 @@ def with_right_offset(recording: Recording, offset: str) -> Recording:
             " their clocks; give its seconds, or 0"
         )
     if not found.is_apart:
-        return recording
+        return 0.0
     log.warning("the right camera's stamps are %s late, and taken earlier by that", found)
-    return ShiftedRecording(recording, round(found.seconds, 6))
+    return round(found.seconds, 6)
 
 
 def found_offset(recording: Recording) -> ClockOffset | None:
@@ -78,7 +83,8 @@ def found_offset(recording: Recording) -> ClockOffset | None:
     return rates.offset()
 
 
-def _seconds(offset: str) -> float:
+def offset_seconds(offset: str) -> float:
+    """Read an offset, seconds; InputError if it is none."""
     try:
         late = float(offset)
     except ValueError:

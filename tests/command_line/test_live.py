@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from run_files import RecordingFiles
 
-from gpvo import Trajectory, open_recording
+from gpvo import Odometry, Trajectory, open_recording
 from gpvo.commands.live_trajectory import UNFINISHED
+from gpvo.config import load_configuration
 from gpvo.recordings import Events
 from gpvo.trajectory import read_tum
 
@@ -114,6 +118,39 @@ def test_bad_input_is_one_line(source: str, message: str, tmp_path: Path) -> Non
     ended = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert ended.returncode == 2
     assert message in ended.stderr and ended.stderr.count("\n") == 1
+
+
+def test_a_right_camera_that_is_late_is_corrected(
+    recording: RecordingFiles, tmp_path: Path
+) -> None:
+    late = tmp_path / "late.hdf5"
+    shutil.copy(recording.data, late)
+    with h5py.File(late, "r+") as file:
+        file["davis/right/events"][:, 2] += 0.03
+    moved, output = replace(recording, data=late), tmp_path / "out"
+    command = arguments(moved, output, "--speed", "0.1", "--right-offset", "0.03")
+    ended = subprocess.run(command, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    assert "clocks" not in ended.stderr
+    sound = open_recording(recording.data, recording.calibration)
+    expected = Odometry(sound.rig, load_configuration(recording.config)).run(sound)
+    found = Trajectory.load(output / "trajectory.npz")
+    t = np.linspace(max(found.start, expected.start), min(found.stop, expected.stop), 20)
+    positions = [each.pose(t)[:, :3, 3] for each in (found, expected)]
+    assert np.linalg.norm(positions[0] - positions[1], axis=1).max() < 0.01
+
+
+def test_cameras_have_no_offset_that_is_found(recording: RecordingFiles, tmp_path: Path) -> None:
+    command = [*COMMAND, "live", "usb://1,2", "--calibration", str(recording.calibration)]
+    for offset, message in (
+        ("auto", "--right-offset auto: needs a recording"),
+        ("late", "--right-offset late: give seconds"),
+    ):
+        ended = subprocess.run(
+            [*command, "--right-offset", offset], capture_output=True, text=True, cwd=tmp_path
+        )
+        assert ended.returncode == 2 and ended.stderr.count("\n") == 1
+        assert message in ended.stderr
 
 
 def test_no_time_is_refused(recording: RecordingFiles, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import runpy
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from threading import Event, get_ident
@@ -18,6 +19,7 @@ from gpvo.cluster_report import ClusterReport
 from gpvo.live import RawEvents
 from gpvo.observer import Step
 from gpvo.recordings import Events
+from gpvo.recordings.right_offset import ShiftedRecording
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 
 CONFIG = Configuration.model_validate({"tracking": {"klt": {"max_features": 40}}})
@@ -66,6 +68,33 @@ def test_states_are_those_of_the_recording(cuts: list[float], lag: float) -> Non
         np.testing.assert_array_equal(getattr(found, name), getattr(trajectory, name))
 
 
+def late_room(late: float) -> SimulatedRecording:
+    """Return the room with a right camera whose stamps are late, to the microsecond."""
+    left, right = room().left, replace(room().right, t=room().right.t + late)
+    first = min(left.t[0], right.t[0])
+    sides = [replace(side, t=np.round(side.t - first, 6)) for side in (left, right)]
+    duration = float(max(side.t[-1] for side in sides))
+    return replace(room(), left=sides[0], right=sides[1], duration=duration)
+
+
+@pytest.mark.parametrize("late", [0.03, -0.03, 0.0000007])
+@pytest.mark.parametrize("length", [0.007, 0.1])
+def test_a_right_camera_that_is_late_is_corrected_as_in_a_recording(
+    late: float, length: float
+) -> None:
+    recording = late_room(late)
+    odometry = Odometry(recording.rig, CONFIG)
+    expected = odometry.run(ShiftedRecording(recording, late))
+    live = LiveOdometry(recording.rig, CONFIG, right_offset=late)
+    for start in np.arange(0, 0.6, length):
+        sides = (side.between(start, start + length) for side in (recording.left, recording.right))
+        live.push(*(raw(side) for side in sides))
+    found = live.close()
+    assert live.reports == odometry.reports and live.late == 0
+    for name in ("t", "T_world_cam", "twist", "knots", "knot_covariance"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
 @pytest.mark.parametrize("method", ["fixed_lag", "batch"])
 def test_latest_is_the_end_of_the_trajectory_so_far(method: str) -> None:
     config = CONFIG.model_copy(
@@ -103,6 +132,23 @@ def test_latest_after_a_break_is_uncertain_by_the_break_too() -> None:
     covariance = trajectory.covariance(latest.t)
     np.testing.assert_allclose(latest.covariance, covariance, rtol=1e-6, atol=1e-15)
     assert np.sqrt(covariance[3:6, 3:6].max()) > 0.02
+
+
+@pytest.mark.parametrize("late", [np.nan, np.inf])
+def test_an_offset_that_is_none_is_refused(late: float) -> None:
+    with pytest.raises(InputError, match=r"right_offset: .* must be a number of seconds"):
+        LiveOdometry(room().rig, CONFIG, right_offset=late)
+
+
+@pytest.mark.parametrize("late", [0.8, -0.8])
+def test_a_camera_that_is_late_is_not_silent(late: float, caplog: pytest.LogCaptureFixture) -> None:
+    """Both are alive, although the offset is longer than the patience."""
+    live = LiveOdometry(room().rig, CONFIG, patience=0.1, right_offset=late)
+    with caplog.at_level(logging.WARNING, logger="gpvo.live"):
+        for start in np.arange(0.0, 0.5, 0.02):
+            sides = (side.between(start, start + 0.02) for side in (room().left, room().right))
+            live.push(*map(raw, sides))
+    assert not any("going on without" in message for message in caplog.messages)
 
 
 def test_a_silent_camera_is_not_waited_for_and_late_events_are_counted(

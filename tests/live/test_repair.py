@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,6 +89,31 @@ def test_unsynchronised_clocks_are_aligned_and_said(caplog: pytest.LogCaptureFix
     assert all(left.t_ns[0] == right.t_ns[0] for left, right, _ in found)
     assert ["not synchronised" in message for message in caplog.messages] == [True]
     assert "+7.000 s ahead" in caplog.messages[0]
+
+
+def test_a_given_offset_is_left_to_the_odometry(caplog: pytest.LogCaptureFixture) -> None:
+    packets, repair = list(steady(10**9, offset_us=300_000)), Repair(RIG, right_offset=0.31)
+    with caplog.at_level(logging.WARNING):
+        found = [repair(packet) for packet in packets]
+    for packet, (_, right, _) in zip(packets, found, strict=True):
+        np.testing.assert_array_equal(right.t_ns, packet.right.t_ns)
+    assert not caplog.messages
+
+
+def test_how_a_recording_is_played_tells_nothing_of_its_clocks(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """At a tenth of its speed a camera that begins later arrives much later."""
+    played = [
+        replace(packet, arrival=100 + index * 0.05, is_played=True)
+        for index, packet in enumerate(steady(10**9))
+    ]
+    begin_later = [replace(packet, right=EventBlock.empty()) for packet in played[:6]]
+    with caplog.at_level(logging.WARNING):
+        _, found = repaired([*begin_later, *played[6:]])
+    for packet, (_, right, _) in zip(played[6:], found[6:], strict=True):
+        np.testing.assert_array_equal(right.t_ns, packet.right.t_ns)
+    assert not caplog.messages
 
 
 def test_drift_of_the_clocks_is_said(caplog: pytest.LogCaptureFixture) -> None:

@@ -21,12 +21,15 @@ class Packet:
         Time of arrival by `time.perf_counter`, seconds.
     after_gap
         The source was silent before, and what happened meanwhile is lost.
+    is_played
+        Of a recording: the time of arrival says nothing of the cameras' clocks.
     """
 
     left: EventBlock
     right: EventBlock
     arrival: float
     after_gap: bool = False
+    is_played: bool = False
 
     def __len__(self) -> int:
         return len(self.left) + len(self.right)

@@ -49,7 +49,7 @@ class RecordingPlayer:
                     stamped(side.between(start, stop), self._recording.start_ns)
                     for side in (batch.left, batch.right)
                 )
-                yield Packet(left, right, arrival)
+                yield Packet(left, right, arrival, is_played=True)
 
     def close(self) -> None:
         """End the play."""
