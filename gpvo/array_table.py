@@ -13,7 +13,7 @@ Table = TypeVar("Table", bound="ArrayTable")
 
 
 class ArrayTable:
-    """Base of dataclasses whose fields are arrays (N, ...) of the same N, or None."""
+    """Base of dataclasses whose fields are arrays (N, ...) or tables of the same N, or None."""
 
     # By name; `dataclasses.fields` takes longer than a short array.
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
@@ -29,4 +29,10 @@ class ArrayTable:
     def concatenate(cls: type[Table], parts: Iterable[Table]) -> Table:
         """Join tables in the given order; at least one is needed."""
         tables, names = list(parts), cls.__dataclass_fields__
-        return cls(*(np.concatenate([getattr(table, name) for table in tables]) for name in names))
+        return cls(*(_joined([getattr(table, name) for table in tables]) for name in names))
+
+
+def _joined(columns: list[Any]) -> Any:
+    """Join arrays, or tables."""
+    first = columns[0]
+    return first.concatenate(columns) if isinstance(first, ArrayTable) else np.concatenate(columns)

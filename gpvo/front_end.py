@@ -131,7 +131,8 @@ class FrontEnd:
             self._tracklets.reject(later.landmark[~inliers])
             measurements = self._tracklets.take(later.landmark[inliers])
         self._image_speed = self._tracked_speed()
-        self._tell_motion(estimate)
+        if estimate is not None and self.motion is not None:
+            self.motion.velocity = estimate.velocity
         return TrackedCluster(
             observations,
             self._tracking_report(),
@@ -149,11 +150,11 @@ class FrontEnd:
         speed = self._tracklets.image_speed()
         return None if speed is None else speed / self._tracked_pixel
 
-    def _tell_motion(self, estimate: VelocityFit | None) -> None:
-        """Tell the tracker how the camera moves, which a user's own need not ask for."""
+    @property
+    def motion(self) -> EgoMotion | None:
+        """What the tracker is told of the camera's motion; None if it does not ask for it."""
         motion = getattr(self._tracker, "motion", None)
-        if isinstance(motion, EgoMotion) and estimate is not None:
-            motion.velocity = estimate.velocity
+        return motion if isinstance(motion, EgoMotion) else None
 
     def _tracking_report(self) -> TrackingReport | None:
         """Return what the tracker says of the latest cluster, which a user's own need not do."""

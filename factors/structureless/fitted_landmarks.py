@@ -66,6 +66,8 @@ class FittedLandmarks:
         (n, 3) measurements, (5,) parameters, and the matrix (3, 3) that whitens an error.
     loss
         Of the norm of a whitened error.
+    redundancy
+        Number of measured values less that of the coordinates of the landmarks measured.
     """
 
     def __init__(
@@ -87,6 +89,7 @@ class FittedLandmarks:
         self._prior, self._with_prior = prior, self.prior_of >= 0
         nearest = np.lexsort((measured[:, 2], self.of))
         self._measured = np.flatnonzero(np.diff(self.start))
+        self.redundancy = 3 * (len(measured) - len(self._measured))
         self._nearest = nearest[self.start[1:][self._measured] - 1]
         self._initial = np.empty((len(self.number), 3))
         self._initial[self._measured] = camera.inverse_depth(measured[self._nearest])

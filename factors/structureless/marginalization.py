@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.linear_states import LinearStatesFactor
-from factors.structureless.fitted_landmarks import Fit
+from factors.structureless.fitted_landmarks import Fit, FittedLandmarks
 from factors.structureless.joint_system import JointSystem, root_kernel
 from factors.structureless.landmark_prior import LandmarkPrior
 from factors.structureless.multi_landmark import StructurelessStereoFactor
@@ -30,6 +30,9 @@ Index = NDArray[np.int64]
 
 SHARED = 24
 """Variables that the errors of all landmarks of a prior share, at most."""
+
+AHEAD = 0.2
+"""Least depth of a landmark, as a share of its distance: x / z and y / z end beside the camera."""
 
 
 class Marginal(NamedTuple):
@@ -66,10 +69,12 @@ def marginalize(
     others
         The other factors between the states that leave and the first that stays.
     landmarks
-        Identities of the landmarks to keep, those that are measured later.
+        Identities of the landmarks to keep, those that may be measured later. One that is not
+        ahead of the camera then is forgotten.
     drift
         (3,) standard deviation of how far the tracks of landmarks, (u_left, v, disparity), have
-        moved on these since the last prior; pixels. Zero if landmarks are points.
+        moved on these since the last prior; pixels. Zero if landmarks are points. Or (L, 3), one
+        for each of `structureless.landmark_numbers`.
     shared
         Largest number of variables s of the new prior.
 
@@ -95,13 +100,30 @@ def marginalize(
         given = _leaving_given_next(system, information_of(others, values, keys))
     except np.linalg.LinAlgError as error:
         raise ValueError("the states that leave are not determined") from error
-    keep = np.isin(window.landmarks.number, np.asarray(landmarks)) & (system.known > 0)
-    fx, fy, _, _, baseline = window.landmarks.camera
-    moved = checked_array("drift", drift, (3,)) / [fx, fy, fx * baseline]
     state = T_states[count], v_states[count]
+    keep = np.isin(window.landmarks.number, np.asarray(landmarks)) & (system.known > 0)
+    keep &= _are_ahead(fit.points(), T_states[count])
+    moved = _moved(drift, window.landmarks)[keep]
     number = window.landmarks.number[keep]
     prior = _prior(number, fit, system, given, np.flatnonzero(keep), state, moved, shared)
     return Marginal(factor, prior)
+
+
+def _are_ahead(points: Array, T_world_cam: Array) -> NDArray[np.bool_]:
+    """Tell which points (L, 3) a camera has before it."""
+    local = (points - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]
+    return local[:, 2] > AHEAD * np.linalg.norm(local, axis=1)
+
+
+def _moved(drift: ArrayLike, landmarks: FittedLandmarks) -> Array:
+    """Standard deviations (L, 3) of coordinates (x / z, y / z, 1 / z) from those in pixels."""
+    fx, fy, _, _, baseline = landmarks.camera
+    moved = checked_array("drift", drift, (3,)) / [fx, fy, fx * baseline]
+    if moved.shape not in ((3,), (len(landmarks.number), 3)):
+        raise ValueError(
+            f"drift must have three columns, for each landmark a row, not {moved.shape}"
+        )
+    return np.tile(moved, (len(landmarks.number), 1)) if moved.ndim == 1 else moved
 
 
 def information_of(
@@ -155,7 +177,7 @@ def _prior(
 ) -> LandmarkPrior:
     """Make the prior of the landmarks `keep` (P,), given the state at which the window now begins.
 
-    Its coordinates have moved by (3,) standard deviations since.
+    Their coordinates have moved by (P, 3) standard deviations since.
     """
     by_leaving = np.ascontiguousarray(system.cross[keep, :, :-13])
     flat = by_leaving.reshape(-1, by_leaving.shape[2])

@@ -154,6 +154,11 @@ class StructurelessStereoFactor(Factor):
         """Landmarks (L,), increasing, those of the prior as well."""
         return self.window.landmarks.number
 
+    @property
+    def redundancy(self) -> int:
+        """Number of measured values less that of the coordinates of the landmarks measured."""
+        return self.window.landmarks.redundancy
+
     def states_between(self, values: gtsam.Values) -> StatesBetween:
         """Return the states at the measurements' own times, given those of the graph."""
         return self.window.states_between(*self.window.between.read(values))

@@ -111,9 +111,9 @@ def known_from_kernel(
 
     Their own rows (P, 3, 3) are with respect to coordinates in the charts; `turned` holds those of
     the variables that are kept (d), of the state there (12), of the error, and of the other
-    variables, which only add noise, as the move of the coordinates by (3,) deviations does. Written
-    are the coordinates (P, 3), and the rows of these (P, 3, 3) and of the first d + 12 + 1 columns,
-    the noise being one.
+    variables, which only add noise, as the move of the coordinates by (P, 3) deviations does.
+    Written are the coordinates (P, 3), and the rows of these (P, 3, 3) and of the first d + 12 + 1
+    columns, the noise being one.
     """
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
     noise, inverse = np.empty((3, 3)), np.empty((3, 3))
@@ -139,7 +139,7 @@ def known_from_kernel(
             for j in range(i + 1):
                 noise[i, j] = 1.0 if i == j else 0.0
                 for m in range(3):
-                    noise[i, j] += root[k, i, m] * root[k, j, m] * moved[m] * moved[m]
+                    noise[i, j] += root[k, i, m] * root[k, j, m] * moved[k, m] * moved[k, m]
                 for m in range(width, turned.shape[2]):
                     noise[i, j] += turned[k, i, m] * turned[k, j, m]
         factorize_kernel(noise)

@@ -14,7 +14,7 @@ LARGE = 640 * 480
 LENGTHS: dict[str, dict[str, int]] = {
     "tracklets": {"time_radius": 1, "min_disparity": 1, "min_length": 1},
     "mc_ransac": {"pixel_threshold": 1},
-    "noise": {"measurement_information": -2, "track_drift": 1},
+    "noise": {"measurement_information": -2, "track_drift": 1, "known_again": 1},
 }
 """Fields in tracked pixels and the powers of a pixel that they have."""
 

@@ -9,6 +9,7 @@ AUTO: dict[str, Any] = {
     "noise": {
         "measurement_information": [4.0, 4.0, 7.0],
         "track_drift": 1.0,
+        "known_again": 2.0,
         "motion_memory": 1.0,
         "measurement_memory": 5.0,
     },
@@ -31,7 +32,7 @@ PAPER: dict[str, Any] = {
         "tracker": "viso2",
         "resolutions": [1, 2],
         "image": "binary",
-        "klt": {"anchor_correlation": 1.0},
+        "klt": {"anchor_correlation": 1.0, "lost_landmarks": 0},
         "compensation": {"lag": 0.0},
     },
     "tracklets": {
@@ -53,6 +54,7 @@ PAPER: dict[str, Any] = {
         "acceleration_psd": [1 / 500] * 3 + [1 / 50] * 3,
         "measurement_information": [0.5, 0.5, 0.1],
         "track_drift": 0.0,
+        "known_again": 0.0,
         "motion_memory": 0.0,
         "measurement_memory": 0.0,
     },
@@ -60,6 +62,7 @@ PAPER: dict[str, Any] = {
         "method": "batch",
         "interval": 0.0,
         "window": 5,
+        "lost_landmarks": 0,
         "relative_decrease": 0.01,
         "bridge": 0.0,
     },

@@ -109,6 +109,19 @@ class KltConfig(StageConfig):
         description="Largest distance between the match with the previous frame and the match "
         "with the anchor, pixels; beyond it the landmark is dropped.",
     )
+    lost_landmarks: int = Field(
+        300,
+        ge=0,
+        description="Landmarks that were lost, the latest ones, which are searched where the "
+        "motion brings them back into view; 0 for none.",
+    )
+    search_tolerance: float = Field(
+        3.0,
+        gt=0,
+        description="Largest distance of a landmark that is found again from where all that are "
+        "found are on average, relative to where the motion takes them, pixels; its half for "
+        "disparities.",
+    )
 
 
 class Viso2Config(StageConfig):
@@ -337,6 +350,13 @@ class NoiseConfig(StageConfig):
         "second: what a landmark was measured at before the window counts as much less certain. 0 "
         "takes it for a point, as the paper does.",
     )
+    known_again: float = Field(
+        0.0,
+        ge=0,
+        description="Standard deviation of what a landmark that was lost and found again is off, "
+        "tracked pixels: contours look and lag otherwise when the motion is another. 0 takes it "
+        "for the same point.",
+    )
     motion_memory: float = Field(
         0.0,
         ge=0,
@@ -374,6 +394,12 @@ class EstimatorConfig(StageConfig):
         ge=2,
         description="Lag in updates, which are at clusters' ends: how many of the latest are in "
         "the window.",
+    )
+    lost_landmarks: int = Field(
+        300,
+        ge=0,
+        description="Landmarks that fixed_lag remembers when they are not measured in the window "
+        "any more, those measured latest: they may be known again. 0 for none.",
     )
     lag: float | None = Field(
         None, gt=0, description="Lag in seconds, instead of the one in clusters; null for that one."

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-CORRELATED = 5.0
+CORRELATED = 10.0
 """Variance that measurements of tracks count with, over that of their residuals."""
 LEAST, MOST = 0.02, 100.0
 """Bounds of what is learned, as a share of the variance at the start."""
@@ -47,9 +47,9 @@ class MeasurementNoise:
         """Tell whether enough is new since it learned last, at a time in seconds."""
         return t - self._until >= self._memory / STEPS
 
-    def learn(self, t: float, residuals: Array, landmarks: int) -> None:
-        """Add what a fit of some landmarks leaves of their measurements (N, 3), pixels."""
+    def learn(self, t: float, residuals: Array, redundancy: int) -> None:
+        """Add what a fit leaves of measurements (N, 3), pixels, and its degrees of freedom."""
         keep = np.exp(-min(t - self._until, 10 * self._memory) / self._memory)
         self._until = t
         self._squares = keep * self._squares + float((residuals**2 @ self._start).sum())
-        self._redundancy = keep * self._redundancy + 3 * (len(residuals) - landmarks)
+        self._redundancy = keep * self._redundancy + redundancy

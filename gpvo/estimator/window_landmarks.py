@@ -2,7 +2,8 @@
 
 The factor is replaced at each update. What is measured next to states that leave is marginalised:
 it leaves a factor of those states, and a prior of the landmarks as they are seen from the first
-state that stays. So a landmark is known for as long as it is measured again within the window.
+state that stays. The latest landmarks that are not measured in the window any more stay in it: they
+cost little, and tie the motion to where it was when they are found again.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.states import States, bracket
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 
 class WindowLandmarks:
@@ -36,6 +38,7 @@ class WindowLandmarks:
         self._build = build
         self.measurements = Measurements.concatenate([])
         self._prior = LandmarkPrior.none()
+        self._lost = np.empty(0, np.int64)  # the one that was measured longest ago first
         self._factor: StructurelessStereoFactor | None = None
         self._state_count = 0
         self._place: int | None = None
@@ -72,6 +75,7 @@ class WindowLandmarks:
     def clear(self) -> None:
         """Forget all landmarks."""
         self.measurements, self._prior = self.measurements[:0], LandmarkPrior.none()
+        self._lost = self._lost[:0]
 
     def updated(self, added: Sequence[int]) -> None:
         """Note the indices that GTSAM gave to the factors that were added."""
@@ -122,27 +126,35 @@ class WindowLandmarks:
         reaches = self._factor is not None and leaving < self._state_count
         factor = self._factor if reaches and not late else self.factor_of(window)
         if factor is not None:
-            marginal = marginalize(
-                factor,
-                window.values(),
-                leaving,
-                others,
-                self._known_on(stays),
-                self._drift(start - window.states.t[0]),
-            )
+            tracked = np.unique(self.measurements.landmark[stays])
+            drift = self._drift(factor.landmark_numbers, tracked, start - window.states.t[0])
+            self._remember(factor.landmark_numbers, tracked)
+            kept = np.union1d(tracked, self._lost)
+            marginal = marginalize(factor, window.values(), leaving, others, kept, drift)
             update.add_factors([marginal.factor])
             self._prior = marginal.prior
         self.measurements = self.measurements[stays]
 
-    def _known_on(self, stays: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Landmarks that are measured in the window; all while none is, as they may come back."""
-        if stays.any():
-            return np.unique(self.measurements.landmark[stays])
-        return np.union1d(self._prior.number, self.measurements.landmark)
+    def _drift(self, number: Index, tracked: Index, duration: float) -> Array:
+        """(L, 3) standard deviations of what landmarks have moved in some seconds, pixels.
 
-    def _drift(self, duration: float) -> Array:
-        """(3,) standard deviation of a track's random walk on its landmark, pixels."""
-        return np.full(3, self._build.noise.track_drift * np.sqrt(duration))
+        A track walks at random on its landmark. One that is lost now may be found again elsewhere
+        on it, and stays what it is meanwhile.
+        """
+        walk = self._build.noise.track_drift * np.sqrt(duration)
+        jump = np.isin(number, self._lost_now(number, tracked)) * self._build.noise.known_again
+        moves = ~np.isin(number, self._lost)
+        return np.repeat(np.hypot(walk * moves, jump)[:, None], 3, axis=1)
+
+    def _remember(self, number: Index, tracked: Index) -> None:
+        """Remember the landmarks that are lost now, and forget the oldest ones and those found."""
+        still = np.isin(self._lost, tracked, invert=True) & np.isin(self._lost, number)
+        lost = np.concatenate([self._lost[still], self._lost_now(number, tracked)])
+        self._lost = lost[max(len(lost) - self._build.config.lost_landmarks, 0) :]
+
+    def _lost_now(self, number: Index, tracked: Index) -> Index:
+        """Return those of the landmarks (L,) that are not tracked any more, but were until now."""
+        return np.setdiff1d(number, np.union1d(self._lost, tracked))
 
     def _follow(self, update: GraphUpdate, window: NumberedStates) -> None:
         self._factor, self._state_count = self.factor_of(window), len(window.states)

@@ -17,22 +17,26 @@ LARGEST = 3.0
 
 
 class EgoMotion:
-    """Poses of the frames by the latest velocity of MC-RANSAC.
+    """Poses of the frames, by the latest velocity of MC-RANSAC from the latest pose that is known.
 
-    Their errors add up over time. They warp patches of frames that are a second apart, and say
-    where a landmark will be in the next frame; no measurement is made of them.
+    They warp patches of frames that are apart in time, and say where a landmark will be in the next
+    frame; no measurement is made of them.
 
     Attributes
     ----------
     velocity
         (6,) body twist of the latest cluster, rad/s and m/s.
     T_start_cam
-        (4, 4) pose of the latest frame in the camera frame of the first.
+        (4, 4) pose of the latest frame.
     """
 
     def __init__(self) -> None:
         self.velocity, self.T_start_cam = np.zeros(6), np.eye(4)
         self._t: float | None = None
+
+    def restart(self, t: float, T_start_cam: Array) -> None:
+        """Go on from a pose at time t, seconds, that is known better."""
+        self.T_start_cam, self._t = T_start_cam, t
 
     def advance(self, t: float) -> None:
         """Move on to a frame at time t, seconds."""

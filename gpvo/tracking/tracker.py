@@ -32,7 +32,7 @@ class Tracker(Protocol):
 
     Any object with this method is a tracker: `Odometry(rig, tracker=mine)`. An attribute `report`,
     a `TrackingReport` of the latest cluster, if it has one, helps to say where landmarks are lost.
-    An attribute `motion`, an `EgoMotion`, if it has one, is told the velocity after each cluster.
+    An attribute `motion`, an `EgoMotion`, if it has one, is told the velocity and the pose.
     """
 
     def track(self, cluster: StereoCluster) -> Observations:

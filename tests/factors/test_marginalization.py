@@ -9,6 +9,7 @@ import gtsam
 import numpy as np
 import pytest
 from graphs import CAMERA
+from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 from windows import (
     NOISE,
@@ -234,6 +235,36 @@ def test_drift_makes_landmarks_less_certain() -> None:
     np.testing.assert_allclose(added, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
 
 
+def test_each_landmark_may_drift_by_itself() -> None:
+    values, numbers = WINDOW.truth, WINDOW.factor(0, QC).landmark_numbers
+    one = np.where((numbers == numbers[0])[:, None], [0.3, 0.3, 0.6], 0.0)
+    still, all_alike, alone = (
+        marginal(WINDOW, values, QC, 2, drift=d).prior for d in ((0, 0, 0), (0.3, 0.3, 0.6), one)
+    )
+    first = still.number == numbers[0]
+    assert first.any() and not first.all()
+    np.testing.assert_array_equal(alone.root[first], all_alike.root[first])
+    np.testing.assert_array_equal(alone.root[~first], still.root[~first])
+
+
+def test_landmarks_that_are_not_ahead_any_more_are_forgotten() -> None:
+    """The camera turns by more than a right angle on its way to the state that stays."""
+    values = gtsam.Values(WINDOW.truth)
+    turned = gtsam.Pose3(gtsam.Rot3.Ry(2.0), np.zeros(3))
+    values.update(X(2), values.atPose3(X(2)).compose(turned))
+    for count, known in ((1, True), (2, False)):
+        factor, others = WINDOW.factor(0, QC), WINDOW.chain(0, count)
+        left = marginalize(factor, values, count, others, WINDOW.landmark)
+        assert (len(left.prior) > 0) == known
+
+
+def test_redundancy_counts_what_is_measured_here() -> None:
+    left = marginal(WINDOW, WINDOW.truth, QC, 2)
+    following = WINDOW.factor(2, QC, left.prior)
+    later = WINDOW.landmark[WINDOW.t >= WINDOW.t_states[2]]
+    assert following.redundancy == 3 * (len(later) - len(np.unique(later)))
+
+
 def test_only_landmarks_that_are_kept_and_measured_are_in_the_prior() -> None:
     values, count = WINDOW.truth, 2
     left = marginal(WINDOW, values, QC, count)
@@ -274,7 +305,7 @@ def test_states_that_nothing_holds_are_refused() -> None:
         marginalize(factor, WINDOW.truth, 1, gtsam.NonlinearFactorGraph(), [0, 1])
 
 
-@pytest.mark.parametrize("drift", [(0.1, 0.1), (0.1, np.nan, 0.1), 0.1])
+@pytest.mark.parametrize("drift", [(0.1, 0.1), (0.1, np.nan, 0.1), 0.1, np.zeros((1, 3))])
 def test_drift_is_of_three_coordinates(drift: Any) -> None:
     with pytest.raises(ValueError, match="drift"):
         marginal(WINDOW, WINDOW.truth, QC, 1, drift=drift)

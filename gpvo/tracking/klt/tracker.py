@@ -6,6 +6,7 @@ be detected again in all four images, which few features of a binary frame are.
 
 Then each landmark is matched with its anchor, the image around it where it was seen first, warped
 by the motion since: a match with a previous frame adds its error to that of the match before.
+Landmarks that were lost are searched by their anchors, too.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from gpvo.config import TrackingConfig
 from gpvo.second_thread import both
 from gpvo.tracking.ego_motion import predict, warp
 from gpvo.tracking.features import extrema, smooth, strongest_spaced
-from gpvo.tracking.klt.anchors import match_anchors
+from gpvo.tracking.klt.anchors import Anchors, match_anchors
 from gpvo.tracking.klt.frame import Frame
+from gpvo.tracking.klt.lost_landmarks import LostLandmarks
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
 from gpvo.tracking.observations import Observations
@@ -27,11 +29,14 @@ from gpvo.tracking.report import TrackingReport
 
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
+Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
 LEAST_AGAIN = 0.25
 """Least share of the landmarks that come back after a gap: those of fewer are chance matches."""
+LEAST_DRIFTED = 5
+"""Least number of landmarks found again that tell by how much the motion has drifted."""
 
 
 class KltTracker:
@@ -51,6 +56,7 @@ class KltTracker:
     def __init__(self, config: TrackingConfig, camera: StereoCamera | None = None) -> None:
         self._config, self._features, self._camera = config.klt, config.features, camera
         self._previous: Frame | None = None
+        self._lost = LostLandmarks(self._config.lost_landmarks, camera)
         self._blank = False
         self._frame_count = 0
         self._landmark_count = 0
@@ -62,12 +68,14 @@ class KltTracker:
         images = both(lambda: self._pyramid(left), lambda: self._pyramid(right))
         frame = Frame.without_landmarks(*images, self.T_start_cam)
         known = 0 if self._previous is None else len(self._previous.landmark)
-        followed = self._anchor(self._follow(frame))
-        features = self._detect(followed)
-        new = self._in_stereo(features, followed)
+        followed, first_new = self._anchor(self._follow(frame)), self._landmark_count
+        seen = self._with_found_again(followed)
+        features = self._detect(seen)
+        new = self._in_stereo(features, seen)
         self.report = TrackingReport(len(features), len(new.left), known, len(followed.left))
-        frame = followed.joined(new)
+        frame = seen.joined(new)
         if len(frame.landmark) or self._previous is None:
+            self._lost.follow(self._previous or frame, frame, first_new)
             self._previous, self._blank = frame, False
         else:
             self._blank = True  # nothing was to be seen, and the same landmarks may come back
@@ -126,7 +134,7 @@ class KltTracker:
         alike elsewhere is dropped; one that does not look like its anchor any more gets a new one.
         The disparity stays: it hardly differs a fraction of a pixel beside.
         """
-        warps = self._warps(frame)
+        warps = self._warps(frame, frame.anchors)
         left, alike = match_anchors(frame.anchors, warps, frame.left_image, frame.left)
         known = alike >= self._config.anchor_correlation
         near = np.linalg.norm(left - frame.left, axis=1) < self._config.anchor_tolerance
@@ -136,9 +144,48 @@ class KltTracker:
         seen = seen.joined(frame.anchored(changed.landmark, changed.left, changed.right))
         return seen.select(self._is_stereo(frame, seen.left, seen.right))
 
-    def _warps(self, frame: Frame) -> NDArray[np.float64]:
+    def _with_found_again(self, frame: Frame) -> Frame:
+        """Add landmarks that were lost, where the motion brings them back into view."""
+        searched = self._lost.in_view(frame, self._config.spacing)
+        if searched is None:
+            return frame
+        sights, there = searched
+        left, alike = self._match_drifted(frame, sights.anchors, there[:, :2].astype(np.float32))
+        shift = (there[:, 2:] * [1.0, 0.0]).astype(np.float32)
+        right, found = self._in_right(frame, left, left - shift)
+        change = np.abs(left[:, 0] - right[:, 0] - there[:, 2])
+        found &= change < 0.5 * self._config.search_tolerance
+        found &= alike >= self._config.anchor_correlation
+        index = self._spaced(left, alike, found, frame)
+        again = sights.landmark[index], left[index], right[index], sights.anchors[index]
+        return frame.joined(frame.with_landmarks(*again))
+
+    def _match_drifted(
+        self, frame: Frame, anchors: Anchors, expected: Points
+    ) -> tuple[Points, Array]:
+        """Match anchors with a frame near points (N, 2), all of which are off by a common shift.
+
+        Returns the points in the frame (N, 2) and the correlation (N,) of the patches, -1 for those
+        that are not found. The motion has drifted by the shift, the median of first matches.
+        """
+        given = anchors, self._warps(frame, anchors), frame.left_image
+        left, alike = match_anchors(*given, expected)
+        known = alike >= self._config.anchor_correlation
+        if known.sum() >= LEAST_DRIFTED:
+            expected = expected + np.median((left - expected)[known], axis=0)
+            left, alike = match_anchors(*given, expected)
+        far = np.linalg.norm(left - expected, axis=1) >= self._config.search_tolerance
+        return left, np.where(far, -1.0, alike)
+
+    def _spaced(self, left: Points, alike: Array, found: Mask, frame: Frame) -> NDArray[np.int64]:
+        """Return indices of the points (N, 2) found that are most alike, apart from each other."""
+        index, room = np.flatnonzero(found), self._room(frame)
+        pixels, strength = np.rint(left[index]).astype(np.int32), alike[index].astype(np.float32)
+        chosen = strongest_spaced(pixels, strength, frame.left, self._config.spacing, room)
+        return index[chosen]
+
+    def _warps(self, frame: Frame, anchors: Anchors) -> NDArray[np.float64]:
         """Warps (N, 2, 2) from the anchors' images to the frame."""
-        anchors = frame.anchors
         if self._camera is None:
             return np.tile(np.eye(2), (len(anchors), 1, 1))
         T_now_then = np.linalg.inv(frame.T_start_cam) @ anchors.T_start_cam
@@ -149,19 +196,29 @@ class KltTracker:
         points, _, strength = extrema(
             frame.left_image.image, self._features.nms_radius, self._features.response_threshold
         )
-        wanted = int(self.share * self._config.max_features) - len(frame.landmark)
-        chosen = strongest_spaced(points, strength, frame.left, self._config.spacing, wanted)
+        room = self._room(frame)
+        chosen = strongest_spaced(points, strength, frame.left, self._config.spacing, room)
         return points[chosen].astype(np.float32)
+
+    def _room(self, frame: Frame) -> int:
+        """Return how many more landmarks a frame may have."""
+        return int(self.share * self._config.max_features) - len(frame.landmark)
 
     def _in_stereo(self, left: Points, frame: Frame) -> Frame:
         """Make landmarks of the left features (N, 2) that have a match in the right image."""
-        right, found = self._match(frame.left_image, frame.right_image, left)
-        back, found_back = self._match(frame.right_image, frame.left_image, right)
-        closed = np.linalg.norm(back - left, axis=1) < self._config.closure_tolerance
-        new = found & found_back & closed & self._is_stereo(frame, left, right)
+        right, new = self._in_right(frame, left)
         landmark = self._landmark_count + np.arange(new.sum())
         self._landmark_count += len(landmark)
         return frame.anchored(landmark, left[new], right[new])
+
+    def _in_right(
+        self, frame: Frame, left: Points, guess: Points | None = None
+    ) -> tuple[Points, Mask]:
+        """Return the right points (N, 2) of left ones, and which lead back and are stereo."""
+        right, found = self._match(frame.left_image, frame.right_image, left, guess)
+        back, found_back = self._match(frame.right_image, frame.left_image, right)
+        closed = np.linalg.norm(back - left, axis=1) < self._config.closure_tolerance
+        return right, found & found_back & closed & self._is_stereo(frame, left, right)
 
     def _is_stereo(self, frame: Frame, left: Points, right: Points) -> Mask:
         """Check that rows agree, disparities are positive, and points are inside and look alike."""

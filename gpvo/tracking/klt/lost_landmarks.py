@@ -1,0 +1,100 @@
+"""Landmarks that were lost, to be known again where the motion brings them back into view."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors import StereoCamera
+from gpvo.array_table import ArrayTable
+from gpvo.tracking.ego_motion import predict
+from gpvo.tracking.klt.anchors import Anchors
+from gpvo.tracking.klt.frame import Frame
+
+Array = NDArray[np.float64]
+
+FRAMES = 4
+"""Number of frames in which a landmark was seen that is remembered: fewer may be chance matches."""
+MARGIN = 8
+"""Distance from the image's border at which a landmark is searched, pixels."""
+
+
+@dataclass(frozen=True, eq=False)
+class LastSights(ArrayTable):
+    """How N landmarks were seen last, the one that was lost first at the beginning.
+
+    Attributes
+    ----------
+    landmark
+        (N,) identities.
+    point, disparity
+        Pixel (N, 2) and disparity (N,) there.
+    T_start_cam
+        (N, 4, 4) pose of that frame.
+    anchors
+        How they were seen first.
+    """
+
+    landmark: NDArray[np.int64]
+    point: Array
+    disparity: Array
+    T_start_cam: Array
+    anchors: Anchors
+
+    @classmethod
+    def of_frame(cls, frame: Frame) -> LastSights:
+        """Return the sights of a frame's landmarks."""
+        point = frame.left.astype(np.float64)
+        disparity = point[:, 0] - frame.right[:, 0]
+        poses = np.repeat(frame.T_start_cam[None], len(point), axis=0)
+        return cls(frame.landmark, point, disparity, poses, frame.anchors)
+
+
+class LostLandmarks:
+    """The landmarks that were lost last, `size` at most; none if the camera is unknown."""
+
+    def __init__(self, size: int, camera: StereoCamera | None) -> None:
+        self._size, self._camera = size if camera is not None else 0, camera
+        self._sights: LastSights | None = None
+        self._first_new: deque[int] = deque(maxlen=FRAMES)
+
+    def follow(self, previous: Frame, frame: Frame, new: int) -> None:
+        """Remember what was lost between two frames, and forget what was found in the later one.
+
+        `new` is the least identity of landmarks that are new in the later one: they increase.
+        """
+        self._first_new.append(new)
+        lost = ~np.isin(previous.landmark, frame.landmark)
+        lost &= previous.landmark < self._first_new[0]
+        sights = LastSights.of_frame(previous.select(lost))
+        if self._sights is not None:
+            found = np.isin(self._sights.landmark, frame.landmark)
+            sights = LastSights.concatenate([self._sights[~found], sights])
+        self._sights = sights[max(len(sights) - self._size, 0) :]
+
+    def in_view(self, frame: Frame, spacing: float) -> tuple[LastSights, Array] | None:
+        """Return landmarks that the motion takes into a frame, and where, (u_left, v, disparity).
+
+        Those nearer to the frame's own landmarks than the spacing are left out. None if there are
+        no others.
+        """
+        if self._camera is None or self._sights is None or not len(self._sights):
+            return None
+        sights = self._sights
+        T = np.linalg.inv(frame.T_start_cam) @ sights.T_start_cam
+        there = predict(self._camera, T, sights.point, sights.disparity)
+        height, width = frame.left_image.image.shape
+        last = np.array([width, height]) - 1.0 - MARGIN
+        inside = np.all((there[:, :2] >= MARGIN) & (there[:, :2] <= last), axis=1)  # not if NaN
+        index = np.flatnonzero(inside)
+        index = index[~_are_near(there[index, :2], frame.left, spacing)]
+        return (sights[index], there[index]) if len(index) else None
+
+
+def _are_near(points: Array, others: NDArray[np.float32], distance: float) -> NDArray[np.bool_]:
+    """Tell which points (N, 2) have another one (M, 2) within a distance."""
+    apart = np.linalg.norm(points[:, None] - others[None], axis=2)
+    return np.asarray(apart.min(axis=1, initial=np.inf) < distance)
