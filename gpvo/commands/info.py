@@ -149,7 +149,7 @@ class Summary:
     def _stated_sensor(self) -> str:
         """Format the size that the file states, or the smallest that holds all events."""
         streams = getattr(self.recording, "streams", {})
-        stated = streams["left"].resolution if streams else None
+        stated = next(iter(streams.values())).resolution if streams else None
         width, height = stated or np.maximum(self.left.reach, self.right.reach)
         return f"{width} x {height}" if stated else f"at least {width} x {height}"
 

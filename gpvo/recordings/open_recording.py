@@ -12,7 +12,7 @@ from gpvo.recordings.bags.mcap import McapFile
 from gpvo.recordings.bags.rosbag1 import RosBag1
 from gpvo.recordings.bags.rosbag2 import is_rosbag2, open_rosbag2
 from gpvo.recordings.bags.topics import open_log
-from gpvo.recordings.base import Recording
+from gpvo.recordings.base import SIDES, Recording
 from gpvo.recordings.calibration.find import Calibration, rig_for
 from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.recordings.checks.sensor_size import check_sensor_size
@@ -22,7 +22,7 @@ from gpvo.recordings.files.hdf5_columns import M3ED, ColumnStream
 from gpvo.recordings.files.mvsec import MvsecRecording, is_mvsec
 from gpvo.recordings.files.text_names import REMEDY
 from gpvo.recordings.hdf5 import has_dataset
-from gpvo.recordings.pairing import NO_CAMERA
+from gpvo.recordings.pairing import NO_CAMERA, choose_pair
 from gpvo.recordings.stereo import StreamRecording
 
 
@@ -46,14 +46,22 @@ def _open_mvsec(
 def _open_m3ed(
     path: Path, calibration: Calibration, left: str | None, right: str | None
 ) -> Recording:
+    names = [side for side in SIDES if has_dataset(path, M3ED[side].x)]
+    if (left, right) == SIDES[::-1]:
+        raise InputError(f"{path}: names left and right itself; leave --left-topic right out")
+    sides = [side for side in choose_pair(path, names, left, right, "camera") if side is not None]
     rig = rig_for(path, calibration or path, "M3ED")
-    left_events, right_events = ColumnStream(path, M3ED["left"]), ColumnStream(path, M3ED["right"])
-    return StreamRecording(path, "M3ED HDF5", rig, left_events, right_events)
+    streams = (ColumnStream(path, M3ED[side]) for side in sides)
+    return StreamRecording(path, "M3ED HDF5", rig, *streams, sides=sides)
 
 
 FORMATS = (
     Format("MVSEC HDF5 (davis/left/events, davis/right/events)", is_mvsec, _open_mvsec),
-    Format("M3ED HDF5", lambda path: has_dataset(path, M3ED["left"].x), _open_m3ed),
+    Format(
+        "M3ED HDF5",
+        lambda path: any(has_dataset(path, layout.x) for layout in M3ED.values()),
+        _open_m3ed,
+    ),
     Format("ROS 1 bag", RosBag1.recognise, lambda path, *how: open_log(RosBag1(path), *how)),
     Format("MCAP", McapFile.recognise, lambda path, *how: open_log(McapFile(path), *how)),
     Format("ROS 2 bag", is_rosbag2, lambda path, *how: open_log(open_rosbag2(path), *how)),

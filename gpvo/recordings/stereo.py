@@ -45,6 +45,8 @@ class StreamRecording(Recording):
         The calibrated rig.
     streams
         Those of the left and the right camera, or of the only one.
+    sides
+        Cameras that the streams are of.
     batch_length
         Seconds.
 
@@ -66,15 +68,16 @@ class StreamRecording(Recording):
         format_name: str,
         rig: StereoRig,
         *streams: EventStream,
+        sides: Sequence[str] = SIDES,
         batch_length: float = 0.1,
     ) -> None:
         self.path, self.format_name, self.rig = path, format_name, rig
-        self.streams = dict(zip(SIDES, streams, strict=False))
+        self.streams = dict(zip(sides, streams, strict=False))
         self.sides, self.time_unit = tuple(self.streams), streams[0].time_unit
         self.batch_length = batch_length
         self.faults = ReadingFaults({side: one.where for side, one in self.streams.items()})
-        for stream, camera in zip(streams, (rig.left, rig.right), strict=False):
-            check_resolution(stream.resolution, camera.resolution, f"{stream.where}:")
+        for side, stream in self.streams.items():
+            check_resolution(stream.resolution, self._camera(side).resolution, f"{stream.where}:")
         unreadable = dict.fromkeys(note for stream in streams for note in stream.notes)
         spans, clock_notes = self._aligned(streams)
         self.notes = [*unreadable, *clock_notes]
@@ -103,11 +106,14 @@ class StreamRecording(Recording):
             self.faults.say_new(batch.stop)
             yield batch
 
+    def _camera(self, side: str) -> Camera:
+        return self.rig.left if side == "left" else self.rig.right
+
     def _events(self, side: str, start: float) -> Iterator[Events]:
         """Yield one camera's checked events from `start` on, in seconds since the start."""
         if side not in self.streams:
             return
-        camera = self.rig.left if side == "left" else self.rig.right
+        camera = self._camera(side)
         stream, faults = self.streams[side], self.faults[side]
         origin_ns = self.start_ns - self._shifts_ns[side]
         start_ns = origin_ns + int(np.ceil(start * 1e9))

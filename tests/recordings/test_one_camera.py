@@ -35,6 +35,15 @@ def mono_mvsec(path: Path, side: str) -> Path:
     return path
 
 
+def mono_m3ed(path: Path, side: str, block: EventBlock = ONE) -> Path:
+    with h5py.File(path, "a") as file:
+        t = block.t_ns // 1000
+        for name, column in zip("xytp", (block.x, block.y, t, block.polarity), strict=True):
+            file[f"prophesee/{side}/{name}"] = column
+        file[f"prophesee/{side}/calib/resolution"] = [WIDTH, HEIGHT]
+    return path
+
+
 def mono_bag(path: Path) -> Path:
     return write_rosbag1(path, event_arrays(types(True), "/dvs/events", ONE, True))
 
@@ -45,6 +54,8 @@ FILES: dict[str, Callable[[Path], Path]] = {
     "columns": lambda folder: column_file(folder / "a.h5", ONE),
     "bag": lambda folder: mono_bag(folder / "a.bag"),
     "left of MVSEC": lambda folder: mono_mvsec(folder / "a_data.hdf5", "left"),
+    "left of M3ED": lambda folder: mono_m3ed(folder / "a.h5", "left"),
+    "right of M3ED": lambda folder: mono_m3ed(folder / "a.h5", "right"),
     "right of MVSEC": lambda folder: mono_mvsec(folder / "a_data.hdf5", "right"),
 }
 
@@ -97,6 +108,26 @@ def test_one_of_two_cameras(tmp_path: Path) -> None:
         InputError, match="which topic is the camera\\? choose --left-topic /a/events"
     ):
         invoke("info", path, "--right-topic", "none")
+
+
+def test_one_of_both_cameras_of_m3ed(tmp_path: Path, calibration: Path) -> None:
+    path = mono_m3ed(mono_m3ed(tmp_path / "a.h5", "left"), "right", OTHER)
+    for side, count in (("left", "5,000"), ("right", "1,500")):
+        topics = ["--left-topic", side, "--right-topic", "none"]
+        output = invoke("info", path, "--calibration", calibration, *topics)
+        assert count in output and "holds one camera" in output and f"│ {side}" in output
+    with pytest.raises(InputError, match="has no camera davis; it has left, right"):
+        open_recording(path, calibration, "davis")
+    with pytest.raises(InputError, match="names left and right itself"):
+        open_recording(path, calibration, "right", "left")
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_one_camera_of_m3ed_is_converted(tmp_path: Path, side: str) -> None:
+    path, output = mono_m3ed(tmp_path / "a.h5", side), tmp_path / "out.aedat4"
+    assert "5,000 events" in invoke("convert", path, output)
+    converted, _ = open_for_info(output, None, None, None)
+    assert_same_events(events_of(converted), ONE)
 
 
 @pytest.mark.parametrize("name", ["first.raw", None])
