@@ -49,6 +49,10 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "default": {},
     "without anchors": {"tracking": {"klt": {"anchor_correlation": 1.0}}},
     "without lag": {"tracking": {"compensation": {"lag": 0.0}}},
+    "without memory": {
+        "tracking": {"klt": {"lost_landmarks": 0}},
+        "estimator": {"lost_landmarks": 0},
+    },
     "window of 3": {"estimator": {"window": 3}},
     "window of 10": {"estimator": {"window": 10}},
     "preset: paper": {"preset": "paper"},
