@@ -37,6 +37,8 @@ LEAST_AGAIN = 0.25
 """Least share of the landmarks that come back after a gap: those of fewer are chance matches."""
 LEAST_DRIFTED = 5
 """Least number of landmarks found again that tell by how much the motion has drifted."""
+NO_DRIFT = 1.0
+"""Drift up to which the first matches are good, pixels."""
 
 
 class KltTracker:
@@ -151,11 +153,12 @@ class KltTracker:
             return frame
         sights, there = searched
         left, alike = self._match_drifted(frame, sights.anchors, there[:, :2].astype(np.float32))
+        known = np.flatnonzero(alike >= self._config.anchor_correlation)
+        sights, there, left, alike = sights[known], there[known], left[known], alike[known]
         shift = (there[:, 2:] * [1.0, 0.0]).astype(np.float32)
         right, found = self._in_right(frame, left, left - shift)
         change = np.abs(left[:, 0] - right[:, 0] - there[:, 2])
         found &= change < 0.5 * self._config.search_tolerance
-        found &= alike >= self._config.anchor_correlation
         index = self._spaced(left, alike, found, frame)
         again = sights.landmark[index], left[index], right[index], sights.anchors[index]
         return frame.joined(frame.with_landmarks(*again))
@@ -172,8 +175,10 @@ class KltTracker:
         left, alike = match_anchors(*given, expected)
         known = alike >= self._config.anchor_correlation
         if known.sum() >= LEAST_DRIFTED:
-            expected = expected + np.median((left - expected)[known], axis=0)
-            left, alike = match_anchors(*given, expected)
+            drift = np.median((left - expected)[known], axis=0)
+            expected = expected + drift
+            if np.linalg.norm(drift) > NO_DRIFT:
+                left, alike = match_anchors(*given, expected)
         far = np.linalg.norm(left - expected, axis=1) >= self._config.search_tolerance
         return left, np.where(far, -1.0, alike)
 
