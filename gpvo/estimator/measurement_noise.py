@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-CORRELATED = 7.0
+CORRELATED = 6.0
 """Variance that measurements of tracks count with, over that of their residuals."""
 LEAST, MOST = 0.02, 100.0
 """Bounds of what is learned, as a share of the variance at the start."""
