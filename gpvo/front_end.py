@@ -24,6 +24,7 @@ from gpvo.tracking import (
     TrackingReport,
     Tracklets,
 )
+from gpvo.trajectory import MotionEstimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +132,8 @@ class FrontEnd:
             self._tracklets.reject(later.landmark[~inliers])
             measurements = self._tracklets.take(later.landmark[inliers])
         self._image_speed = self._tracked_speed()
-        if estimate is not None and self.motion is not None:
-            self.motion.velocity = estimate.velocity
+        if estimate is not None and self._motion is not None:
+            self._motion.velocity = estimate.velocity
         return TrackedCluster(
             observations,
             self._tracking_report(),
@@ -150,8 +151,13 @@ class FrontEnd:
         speed = self._tracklets.image_speed()
         return None if speed is None else speed / self._tracked_pixel
 
+    def tell_pose(self, latest: Callable[[], MotionEstimate | None]) -> None:
+        """Tell the tracker the pose of the cluster before, which a user's own need not ask for."""
+        if self._motion is not None and (estimate := latest()) is not None:
+            self._motion.restart(estimate.t, estimate.T_world_cam)
+
     @property
-    def motion(self) -> EgoMotion | None:
+    def _motion(self) -> EgoMotion | None:
         """What the tracker is told of the camera's motion; None if it does not ask for it."""
         motion = getattr(self._tracker, "motion", None)
         return motion if isinstance(motion, EgoMotion) else None

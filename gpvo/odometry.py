@@ -124,14 +124,8 @@ class Odometry:
                 report = ClusterReport.of(cluster, tracked)
                 self._watch.see_cluster(cluster, report)
                 yield from self._estimates.wait()
-                self._tell_pose()
+                self._front_end.tell_pose(self.estimator.latest)
                 self._estimates.start(self._estimate, cluster, tracked, report)
-
-    def _tell_pose(self) -> None:
-        """Tell the tracker the newest pose: that of the cluster before the latest."""
-        motion = self._front_end.motion
-        if motion is not None and (latest := self.estimator.latest()) is not None:
-            motion.restart(latest.t, latest.T_world_cam)
 
     def _ended(self) -> Iterator[ClusterReport]:
         yield from self._estimates.wait()

@@ -19,7 +19,8 @@ from gpvo.commands.inputs import (
 )
 from gpvo.config import Configuration, NoiseConfig, in_tracked_pixels
 from gpvo.estimator.noise_learning import states_of_poses, tuned_noise
-from gpvo.front_end import FrontEnd
+from gpvo.mapping.recorder import MeasurementRecorder
+from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
 from gpvo.trajectory import StampedPoses
 
@@ -43,12 +44,14 @@ def tuned_on_recording(
     recording: Recording, truth: StampedPoses, configuration: Configuration
 ) -> NoiseConfig:
     """Noise parameters learned from a recording's inlier tracklets and its true poses."""
-    front_end = FrontEnd(recording.rig, configuration)
-    clusters = front_end.clusters(recording.event_batches())
-    measured = (front_end.process(cluster).measurements for cluster in clusters)
+    seen = MeasurementRecorder()
+    odometry = Odometry(recording.rig, configuration, observer=seen)
+    for _ in odometry.reports_of(recording.event_batches()):
+        pass
     t = np.asarray((truth.stamps_ns - recording.start_ns) * 1e-9, np.float64)
-    noise = tuned_noise(measured, states_of_poses(t, truth.T_world_cam), front_end.camera)
-    return in_tracked_pixels(noise, front_end.configuration)
+    motion = states_of_poses(t, truth.T_world_cam)
+    noise = tuned_noise([seen.measurements], motion, odometry.camera)
+    return in_tracked_pixels(noise, odometry.configuration)
 
 
 def noise_text(noise: NoiseConfig) -> str:

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from factors.stereo import StereoCamera
 from gpvo.config import Configuration, in_full_pixels
 from gpvo.errors import InputError
+from gpvo.estimator import GatheredMeasurements, make_estimator, one_blas_thread
 from gpvo.evaluation.front_end.truth import Truth
 from gpvo.events import StereoCluster
-from gpvo.front_end import FrontEnd
+from gpvo.front_end import FrontEnd, TrackedCluster
 from gpvo.mc_ransac import Segments, fast_mc_ransac, segments_between
 from gpvo.recordings import Recording
 from gpvo.tracking import Measurements, Observations
@@ -151,12 +152,15 @@ def inspect(
 
 
 class _Inspector:
-    """Front end, and the truth that it is compared with."""
+    """Front end, the estimator that tells it poses, and the truth that it is compared with."""
 
     def __init__(self, recording: Recording, truth: Truth, configuration: Configuration) -> None:
         self.front_end = FrontEnd(recording.rig, configuration)
         self._truth = truth
         self._config = in_full_pixels(self.front_end.configuration).mc_ransac
+        config = self.front_end.configuration.estimator
+        self._estimator = make_estimator(self.front_end.camera, self.front_end.noise, config)
+        self._measurements = GatheredMeasurements(self._estimator, config.interval)
         self._known = np.empty(0, np.int64)
         self._frame = 0
 
@@ -164,6 +168,7 @@ class _Inspector:
         rng = deepcopy(self.front_end.rng)
         tracked = self.front_end.process(cluster)
         earlier, later, estimate = tracked.earlier, tracked.later, tracked.velocity_estimate
+        self._estimate(cluster, tracked)
         features, quads = self._count(tracked.observations)
         return InspectedCluster(
             cluster.start,
@@ -177,6 +182,12 @@ class _Inspector:
             np.full(6, np.nan) if estimate is None else estimate.velocity,
             np.packbits(cluster.left.binary_frame > 0, axis=1),
         )
+
+    def _estimate(self, cluster: StereoCluster, tracked: TrackedCluster) -> None:
+        """Estimate in the order of the odometry, which tracks a cluster beside the one before."""
+        self.front_end.tell_pose(self._estimator.latest)
+        with one_blas_thread():
+            self._measurements.add(cluster.stop, tracked.measurements, tracked.velocity_estimate)
 
     def _fast_twist(self, segments: Segments, rng: np.random.Generator) -> Array:
         """Return the twist of the fast version alone, from the same samples as the whole."""
