@@ -155,11 +155,7 @@ def main(
 ) -> list[DriftResult]:
     """Parse the options, run, print and write the results."""
     options, console = arguments().parse_args(arguments_given), console or Console()
-    if options.seeds < 1 or options.jobs < 1:
-        raise InputError("--seeds and --jobs: give 1 or more")
-    cases = chosen(long_cases() if suite is None else suite, options.cases)
-    if options.duration is not None:
-        cases = [case.shorter(options.duration) for case in cases]
+    cases = chosen(long_cases() if suite is None else suite, options)
     if options.output is not None:
         make_folder(options.output)
     tasks = [(case, seed, options.variants) for case in cases for seed in range(options.seeds)]

@@ -99,13 +99,16 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def chosen(suite: Sequence[Case], names: Sequence[str] | None) -> list[Case]:
-    """Return the named cases, or all."""
+def chosen(suite: Sequence[Case], options: argparse.Namespace) -> list[Case]:
+    """Return the cases that the options name, or all, as long as they say."""
+    if options.seeds < 1 or options.jobs < 1:
+        raise InputError("--seeds and --jobs: give 1 or more")
     known = {case.name: case for case in suite}
-    unknown = [name for name in names or () if name not in known]
+    unknown = [name for name in options.cases or () if name not in known]
     if unknown:
         raise InputError(f"--cases {unknown[0]}: known are {', '.join(known)}")
-    return [known[name] for name in names or known]
+    cases = [known[name] for name in options.cases or known]
+    return [case if options.duration is None else case.shorter(options.duration) for case in cases]
 
 
 def main(
@@ -115,11 +118,7 @@ def main(
 ) -> list[CaseResult]:
     """Parse the options, run the suite, print and write the results."""
     options, console = arguments().parse_args(arguments_given), console or Console()
-    if options.seeds < 1 or options.jobs < 1:
-        raise InputError("--seeds and --jobs: give 1 or more")
-    cases = chosen(all_cases() if suite is None else suite, options.cases)
-    if options.duration is not None:
-        cases = [case.shorter(options.duration) for case in cases]
+    cases = chosen(all_cases() if suite is None else suite, options)
     simulations = {case.name: case.config.model_dump(mode="json") for case in cases}
     earlier = read_summary(options.against, simulations) if options.against else []
     configuration = configuration_of(options)

@@ -126,35 +126,31 @@ class WindowLandmarks:
         reaches = self._factor is not None and leaving < self._state_count
         factor = self._factor if reaches and not late else self.factor_of(window)
         if factor is not None:
-            tracked = np.unique(self.measurements.landmark[stays])
-            drift = self._drift(factor.landmark_numbers, tracked, start - window.states.t[0])
-            self._remember(factor.landmark_numbers, tracked)
+            number, tracked = factor.landmark_numbers, np.unique(self.measurements.landmark[stays])
+            lost = np.setdiff1d(number, np.union1d(self._lost, tracked))
+            drift = self._drift(number, lost, start - window.states.t[0])
+            self._remember(lost, np.setdiff1d(number, tracked))
             kept = np.union1d(tracked, self._lost)
             marginal = marginalize(factor, window.values(), leaving, others, kept, drift)
             update.add_factors([marginal.factor])
             self._prior = marginal.prior
         self.measurements = self.measurements[stays]
 
-    def _drift(self, number: Index, tracked: Index, duration: float) -> Array:
+    def _drift(self, number: Index, lost: Index, duration: float) -> Array:
         """(L, 3) standard deviations of what landmarks have moved in some seconds, pixels.
 
         A track walks at random on its landmark. One that is lost now may be found again elsewhere
         on it, and stays what it is meanwhile.
         """
         walk = self._build.noise.track_drift * np.sqrt(duration)
-        jump = np.isin(number, self._lost_now(number, tracked)) * self._build.noise.known_again
+        jump = np.isin(number, lost) * self._build.noise.known_again
         moves = ~np.isin(number, self._lost)
         return np.repeat(np.hypot(walk * moves, jump)[:, None], 3, axis=1)
 
-    def _remember(self, number: Index, tracked: Index) -> None:
-        """Remember the landmarks that are lost now, and forget the oldest ones and those found."""
-        still = np.isin(self._lost, tracked, invert=True) & np.isin(self._lost, number)
-        lost = np.concatenate([self._lost[still], self._lost_now(number, tracked)])
+    def _remember(self, lost: Index, away: Index) -> None:
+        """Remember landmarks that are lost now, and the latest of the others still away."""
+        lost = np.concatenate([self._lost[np.isin(self._lost, away)], lost])
         self._lost = lost[max(len(lost) - self._build.config.lost_landmarks, 0) :]
-
-    def _lost_now(self, number: Index, tracked: Index) -> Index:
-        """Return those of the landmarks (L,) that are not tracked any more, but were until now."""
-        return np.setdiff1d(number, np.union1d(self._lost, tracked))
 
     def _follow(self, update: GraphUpdate, window: NumberedStates) -> None:
         self._factor, self._state_count = self.factor_of(window), len(window.states)

@@ -15,6 +15,7 @@ from gpvo.config import TrackingConfig
 from gpvo.tracking.klt import KltTracker
 from gpvo.tracking.klt.anchors import Anchors, match_anchors
 from gpvo.tracking.klt.lucas_kanade import Pyramid
+from gpvo.tracking.sights import Sights
 
 SIDE = 31
 SHAPE = (160, 200)
@@ -32,8 +33,9 @@ def pyramid(image: NDArray[np.uint8]) -> Pyramid:
 
 
 def anchors_at(image: NDArray[np.uint8], points: NDArray[np.float64]) -> Anchors:
-    disparity = np.full(len(points), 10.0, np.float32)
-    return Anchors.of_frame(pyramid(image), points.astype(np.float32), disparity, np.eye(4))
+    left = points.astype(np.float32)
+    sights = Sights.of_frame(left, left - np.float32([10.0, 0.0]), np.eye(4))
+    return Anchors.of_image(pyramid(image), left, sights)
 
 
 @given(

@@ -11,6 +11,7 @@ from gpvo.array_table import ArrayTable
 from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.anchor_kernels import cut_patches_kernel, match_anchors_kernel
 from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid
+from gpvo.tracking.sights import Sights
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
@@ -27,28 +28,19 @@ class Anchors(ArrayTable):
     ----------
     patch
         (N, side, side) float32 image around the landmark.
-    point
-        (N, 2) pixel of the landmark.
-    disparity
-        (N,) pixels.
-    T_start_cam
-        (N, 4, 4) pose of that frame.
+    sights
+        Where they were seen.
     """
 
     patch: NDArray[np.float32]
-    point: Array
-    disparity: Array
-    T_start_cam: Array
+    sights: Sights
 
     @classmethod
-    def of_frame(
-        cls, image: Pyramid, points: Points, disparity: NDArray[np.float32], T_start_cam: Array
-    ) -> Anchors:
+    def of_image(cls, image: Pyramid, points: Points, sights: Sights) -> Anchors:
         """Keep the image around the points (N, 2) of a frame."""
         half = int(ROOM * (image.patch_size // 2)) + 1
         patch = cut_patches_kernel(image.levels[0], points, image.patch_size + BEYOND, half)
-        poses = np.repeat(T_start_cam[None], len(points), axis=0)
-        return cls(patch, points.astype(np.float64), disparity.astype(np.float64), poses)
+        return cls(patch, sights)
 
 
 def match_anchors(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gpvo.tracking.klt.anchors import Anchors
 from gpvo.tracking.klt.lucas_kanade import Pyramid
+from gpvo.tracking.sights import Sights
 
 Points = NDArray[np.float32]
 
@@ -34,9 +35,14 @@ class Frame:
     ) -> Frame:
         """Return a frame before any landmark is known in it."""
         points = np.empty((0, 2), np.float32)
-        anchors = Anchors.of_frame(left_image, points, points[:, 0], T_start_cam)
+        anchors = Anchors.of_image(left_image, points, Sights.of_frame(points, points, T_start_cam))
         landmark = np.empty(0, np.int64)
         return cls(left_image, right_image, T_start_cam, landmark, points, points, anchors)
+
+    @property
+    def sights(self) -> Sights:
+        """Where the landmarks are in this frame."""
+        return Sights.of_frame(self.left, self.right, self.T_start_cam)
 
     def with_landmarks(
         self, landmark: NDArray[np.int64], left: Points, right: Points, anchors: Anchors
@@ -47,8 +53,8 @@ class Frame:
 
     def anchored(self, landmark: NDArray[np.int64], left: Points, right: Points) -> Frame:
         """Return the same images with landmarks that are seen first in them."""
-        disparity = left[:, 0] - right[:, 0]
-        anchors = Anchors.of_frame(self.left_image, left, disparity, self.T_start_cam)
+        sights = Sights.of_frame(left, right, self.T_start_cam)
+        anchors = Anchors.of_image(self.left_image, left, sights)
         return self.with_landmarks(landmark, left, right, anchors)
 
     def select(self, mask: NDArray[np.bool_]) -> Frame:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from gpvo.array_table import ArrayTable
-from gpvo.tracking.ego_motion import predict
 from gpvo.tracking.klt.anchors import Anchors
 from gpvo.tracking.klt.frame import Frame
+from gpvo.tracking.sights import Sights, predict
 
 Array = NDArray[np.float64]
 
@@ -30,27 +30,15 @@ class LastSights(ArrayTable):
     ----------
     landmark
         (N,) identities.
-    point, disparity
-        Pixel (N, 2) and disparity (N,) there.
-    T_start_cam
-        (N, 4, 4) pose of that frame.
+    sights
+        Where they were seen last.
     anchors
         How they were seen first.
     """
 
     landmark: NDArray[np.int64]
-    point: Array
-    disparity: Array
-    T_start_cam: Array
+    sights: Sights
     anchors: Anchors
-
-    @classmethod
-    def of_frame(cls, frame: Frame) -> LastSights:
-        """Return the sights of a frame's landmarks."""
-        point = frame.left.astype(np.float64)
-        disparity = point[:, 0] - frame.right[:, 0]
-        poses = np.repeat(frame.T_start_cam[None], len(point), axis=0)
-        return cls(frame.landmark, point, disparity, poses, frame.anchors)
 
 
 class LostLandmarks:
@@ -58,7 +46,7 @@ class LostLandmarks:
 
     def __init__(self, size: int, camera: StereoCamera | None) -> None:
         self._size, self._camera = size if camera is not None else 0, camera
-        self._sights: LastSights | None = None
+        self._last: LastSights | None = None
         self._first_new: deque[int] = deque(maxlen=FRAMES)
 
     def follow(self, previous: Frame, frame: Frame, new: int) -> None:
@@ -66,14 +54,17 @@ class LostLandmarks:
 
         `new` is the least identity of landmarks that are new in the later one: they increase.
         """
+        if not self._size:
+            return
         self._first_new.append(new)
         lost = ~np.isin(previous.landmark, frame.landmark)
         lost &= previous.landmark < self._first_new[0]
-        sights = LastSights.of_frame(previous.select(lost))
-        if self._sights is not None:
-            found = np.isin(self._sights.landmark, frame.landmark)
-            sights = LastSights.concatenate([self._sights[~found], sights])
-        self._sights = sights[max(len(sights) - self._size, 0) :]
+        last = previous.select(lost)
+        all_lost = LastSights(last.landmark, last.sights, last.anchors)
+        if self._last is not None:
+            found = np.isin(self._last.landmark, frame.landmark)
+            all_lost = LastSights.concatenate([self._last[~found], all_lost])
+        self._last = all_lost[max(len(all_lost) - self._size, 0) :]
 
     def in_view(self, frame: Frame, spacing: float) -> tuple[LastSights, Array] | None:
         """Return landmarks that the motion takes into a frame, and where, (u_left, v, disparity).
@@ -81,17 +72,15 @@ class LostLandmarks:
         Those nearer to the frame's own landmarks than the spacing are left out. None if there are
         no others.
         """
-        if self._camera is None or self._sights is None or not len(self._sights):
+        if self._camera is None or self._last is None:
             return None
-        sights = self._sights
-        T = np.linalg.inv(frame.T_start_cam) @ sights.T_start_cam
-        there = predict(self._camera, T, sights.point, sights.disparity)
+        there = predict(self._camera, frame.T_start_cam, self._last.sights)
         height, width = frame.left_image.image.shape
         last = np.array([width, height]) - 1.0 - MARGIN
         inside = np.all((there[:, :2] >= MARGIN) & (there[:, :2] <= last), axis=1)  # not if NaN
         index = np.flatnonzero(inside)
         index = index[~_are_near(there[index, :2], frame.left, spacing)]
-        return (sights[index], there[index]) if len(index) else None
+        return (self._last[index], there[index]) if len(index) else None
 
 
 def _are_near(points: Array, others: NDArray[np.float32], distance: float) -> NDArray[np.bool_]:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from factors import StereoCamera
 from gpvo.config import TrackingConfig
 from gpvo.second_thread import both
-from gpvo.tracking.ego_motion import predict, warp
 from gpvo.tracking.features import extrema, smooth, strongest_spaced
 from gpvo.tracking.klt.anchors import Anchors, match_anchors
 from gpvo.tracking.klt.frame import Frame
@@ -26,6 +25,7 @@ from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.report import TrackingReport
+from gpvo.tracking.sights import predict, warp
 
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
@@ -118,16 +118,12 @@ class KltTracker:
     def _predicted(self, previous: Frame, frame: Frame) -> tuple[Points, Points]:
         """Where the motion takes landmarks (N, 2) of the previous frame, and left minus right."""
         shift = previous.left - previous.right
-        if self._camera is None or not len(shift):
+        if self._camera is None:
             return previous.left, shift
-        T = np.linalg.inv(frame.T_start_cam) @ previous.T_start_cam
-        T = np.tile(T, (len(shift), 1, 1))
-        seen = previous.left.astype(np.float64), shift[:, 0].astype(np.float64)
-        there = predict(self._camera, T, *seen)
-        behind = ~np.isfinite(there).all(axis=1)
-        there[behind] = np.column_stack(seen)[behind]
-        disparity = there[:, 2:] * [1.0, 0.0]
-        return there[:, :2].astype(np.float32), disparity.astype(np.float32)
+        there = predict(self._camera, frame.T_start_cam, previous.sights)
+        ahead = np.isfinite(there[:, :1])
+        left = np.where(ahead, there[:, :2], previous.left).astype(np.float32)
+        return left, np.where(ahead, _shift(there), shift)
 
     def _anchor(self, frame: Frame) -> Frame:
         """Match every landmark with its anchor, so that errors of the matches do not add up.
@@ -151,16 +147,15 @@ class KltTracker:
         searched = self._lost.in_view(frame, self._config.spacing)
         if searched is None:
             return frame
-        sights, there = searched
-        left, alike = self._match_drifted(frame, sights.anchors, there[:, :2].astype(np.float32))
+        lost, there = searched
+        left, alike = self._match_drifted(frame, lost.anchors, there[:, :2].astype(np.float32))
         known = np.flatnonzero(alike >= self._config.anchor_correlation)
-        sights, there, left, alike = sights[known], there[known], left[known], alike[known]
-        shift = (there[:, 2:] * [1.0, 0.0]).astype(np.float32)
-        right, found = self._in_right(frame, left, left - shift)
+        lost, there, left, alike = lost[known], there[known], left[known], alike[known]
+        right, found = self._in_right(frame, left, left - _shift(there))
         change = np.abs(left[:, 0] - right[:, 0] - there[:, 2])
         found &= change < 0.5 * self._config.search_tolerance
         index = self._spaced(left, alike, found, frame)
-        again = sights.landmark[index], left[index], right[index], sights.anchors[index]
+        again = lost.landmark[index], left[index], right[index], lost.anchors[index]
         return frame.joined(frame.with_landmarks(*again))
 
     def _match_drifted(
@@ -193,8 +188,7 @@ class KltTracker:
         """Warps (N, 2, 2) from the anchors' images to the frame."""
         if self._camera is None:
             return np.tile(np.eye(2), (len(anchors), 1, 1))
-        T_now_then = np.linalg.inv(frame.T_start_cam) @ anchors.T_start_cam
-        return warp(self._camera, T_now_then, anchors.point, anchors.disparity)
+        return warp(self._camera, frame.T_start_cam, anchors.sights)
 
     def _detect(self, frame: Frame) -> Points:
         """Return the strongest features (N, 2) of the left image that are not near a landmark."""
@@ -264,3 +258,8 @@ class KltTracker:
         if guess is None:
             return match_patches(source, target, points, points, self._config.pyramid_levels)
         return match_patches(source, target, points, guess, 1)
+
+
+def _shift(measurements: Array) -> Points:
+    """Return left minus right pixels (N, 2) of measurements (u_left, v, disparity)."""
+    return (measurements[:, 2:] * [1.0, 0.0]).astype(np.float32)

@@ -1,0 +1,73 @@
+"""What the motion does to landmarks and to the image around them."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from factors import StereoCamera
+from factors.lie import se3_exp
+from gpvo.tracking.ego_motion import camera_of_pixels
+from gpvo.tracking.sights import LARGEST, Sights, predict, warp
+
+CAMERA = StereoCamera(200.0, 210.0, 160.0, 120.0, 0.1)
+seeds = st.integers(0, 2**32)
+
+
+@given(seeds, st.sampled_from([1, 2]))
+@settings(deadline=None, max_examples=50)
+def test_a_warp_is_the_jacobian_of_the_new_pixel(seed: int, side: int) -> None:
+    rng, camera = np.random.default_rng(seed), camera_of_pixels(CAMERA, side)
+    T = se3_exp(rng.normal(0, [0.1, 0.1, 0.5, 0.1, 0.1, 0.1], (5, 6)))
+    pixels, disparity = rng.uniform([20, 20], [140, 100], (5, 2)), rng.uniform(8, 20, 5)
+
+    def seen(moved: np.ndarray) -> np.ndarray:
+        """Project points at the depth of the landmarks, as the fronto-parallel surface has."""
+        points = camera.triangulate(np.column_stack([pixels + moved, disparity]))
+        now = np.einsum("nij,nj->ni", T[:, :3, :3], points) + T[:, :3, 3]
+        return camera.project(now)[:, :2]
+
+    step = 1e-5
+    numerical = np.stack(
+        [(seen(step * axis) - seen(-step * axis)) / (2 * step) for axis in np.eye(2)], axis=2
+    )
+    warps = warp(camera, np.eye(4), Sights(pixels, disparity, T))
+    np.testing.assert_allclose(warps, numerical, atol=1e-6)
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=50)
+def test_only_the_motion_since_then_matters(seed: int) -> None:
+    """Prediction and warp are the same in another frame of the world."""
+    rng = np.random.default_rng(seed)
+    pixels, disparity = rng.uniform([20, 20], [300, 200], (5, 2)), rng.uniform(8, 20, 5)
+    then, now, world = (se3_exp(rng.normal(0, 0.2, (count, 6))) for count in (5, 1, 1))
+    here = Sights(pixels, disparity, then)
+    there = Sights(pixels, disparity, world[0] @ then)
+    for compute in (predict, warp):
+        expected = compute(CAMERA, now[0], here)
+        np.testing.assert_allclose(compute(CAMERA, world[0] @ now[0], there), expected, rtol=1e-9)
+
+
+def test_landmarks_are_predicted_where_they_are_seen() -> None:
+    points = np.array([[0.1, 0.2, 2.0], [-0.3, 0.1, 4.0], [0.0, 0.0, -1.0]])
+    then, now = se3_exp([0, 0, 0.3, 0.1, 0.0, -2.0]), se3_exp([0.1, -0.1, 0, 0.0, 0.2, 0.1])
+
+    def seen(T: np.ndarray) -> np.ndarray:
+        return CAMERA.project(points @ T[:3, :3] + np.linalg.inv(T)[:3, 3])
+
+    measured = seen(then)
+    sights = Sights(measured[:, :2], measured[:, 2], np.tile(then, (3, 1, 1)))
+    predicted = predict(CAMERA, now, sights)
+    np.testing.assert_allclose(predicted[:2], seen(now)[:2])
+    assert np.isnan(predicted[2]).all()
+
+
+def test_what_cannot_be_warped_is_left_as_it_is() -> None:
+    """The landmark, 2 m ahead, is passed, almost reached, and left far behind."""
+    T = np.tile(np.eye(4), (3, 1, 1))
+    T[:, 2, 3] = -3.0, -1.999, 2.0 * LARGEST
+    sights = Sights(np.full((3, 2), 100.0), np.full(3, 200.0 * 0.1 / 2.0), T)
+    warps = warp(CAMERA, np.eye(4), sights)
+    np.testing.assert_array_equal(warps, np.tile(np.eye(2), (3, 1, 1)))
