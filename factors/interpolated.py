@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate, pairwise
 from typing import Any
 
 import gtsam
@@ -10,20 +11,14 @@ from numpy.typing import ArrayLike
 
 from factors.checks import checked_finite_noise, checked_key
 from factors.factor import Evaluate, Factor
-from factors.inner_factor import (
-    ANY,
-    CopiedValue,
-    Inner,
-    InnerFactor,
-    inner_of,
-    point_error_of,
-)
+from factors.inner_factor import Inner, InnerFactor, inner_of, point_error_of
 from factors.jacobian_blocks import Jacobians, blocks_of
 from factors.kernels.between import chain_kernel, state_at_kernel, whiten_between_kernel
 from factors.kernels.points import point_between_kernel
 from factors.kernels.se3 import Array
 from factors.points import PointError
 from factors.variables import (
+    ANY,
     State,
     Variable,
     as_state,
@@ -32,6 +27,9 @@ from factors.variables import (
     variables_of,
 )
 from factors.wnoa import whitening
+
+Ends = tuple[Array, Array, Array, Array]
+"""Pose (4, 4) and twist (6,) of both states."""
 
 
 class InterpolatedFactor(Factor):
@@ -43,8 +41,8 @@ class InterpolatedFactor(Factor):
     Parameters
     ----------
     inner
-        The factor: one of GTSAM's own, of any type; one of ours; or an ErrorFunction. Its noise
-        model, which may be robust, is that of this factor.
+        The factor: one of GTSAM's, of any type; one of ours; or an ErrorFunction. Its noise model,
+        which may be robust, is that of this factor.
     state_i, state_j
         gtsam.StateData, or tuples (pose key, velocity key, seconds): Pose3 T_world_body and body
         twists (6,), rotation first.
@@ -62,8 +60,7 @@ class InterpolatedFactor(Factor):
     Raises
     ------
     ValueError
-        If the times are out of order, a key is not one of the inner factor's, or the inner factor
-        is a gtsam.CustomFactor; and see `Factor`.
+        If the times are out of order or a key is not one of the inner factor's; and see `Factor`.
 
     Notes
     -----
@@ -187,8 +184,9 @@ class _Interpolation:
     ) -> None:
         self._inner, self._keys, self._t, self._noise = inner, keys, t, noise
         self._pose, self._velocity = at_t
-        self._copied = [(key, CopiedValue()) for key in inner.keys if key not in at_t]
-        self._columns: list[slice] | None = None
+        self._others = [key for key in inner.keys if key not in at_t]
+        self._unset = gtsam.JacobianVector([np.empty((0, 0))] * len(inner.keys))
+        self._shapes: list[tuple[int, ...]] | None = None
         self._identity = gtsam.Values()
         if self._pose is not None:
             self._identity.insert(self._pose, gtsam.Pose3())
@@ -203,54 +201,67 @@ class _Interpolation:
             values.atPose3(pose_j).matrix(),
             values.atVector6(velocity_j),
         )
-        found, xi = np.empty(48), np.empty(6)
-        state_at_kernel(*ends, self._t, found, xi)
-        at_t = self._values_at(values, xi, found[:6])
+        found = np.empty(54)
+        state_at_kernel(*ends, self._t, found)
+        at_t = self._values_at(values, found)
         if jacobians is None and self._noise is None:
-            return self._inner.error(at_t)
-        system = self._inner.system(at_t)
-        if self._columns is not self._inner.columns:
-            self._prepare(len(system))
+            return self._inner.evaluate(at_t, None)
+        by_inner = gtsam.JacobianVector(self._unset)
+        error = self._inner.evaluate(at_t, by_inner)
+        rows = [by_inner[k].T for k in range(len(by_inner))]
+        shapes = [each.shape for each in rows]
+        if shapes != self._shapes:
+            self._prepare(shapes, at_t)
         if self._noise is not None:
-            noise = self._noise.parts
-            whiten_between_kernel(*ends, self._t, *noise, self._places, found, system)
+            *rows, error = self._whitened(ends, found, [*rows, error])
+        by_pose, by_twist = (self._none if k is None else rows[k] for k in self._places)
         blocks = self._blocks.own
-        chain_kernel(ends[3], self._t, found, system, self._places, blocks.outputs)
-        for place, columns in self._others:  # a state may also be one of the inner factor's own
+        chain_kernel(ends[3], self._t, found, by_pose, by_twist, blocks.outputs)
+        for k, place in self._shared:  # a state may also be one of the inner factor's own
             if place < 4:
-                blocks.views[place][...] += system[:, columns]
+                blocks.views[place][...] += rows[k].T
             else:
-                blocks.views[place][...] = system[:, columns]
+                blocks.views[place][...] = rows[k].T
         if jacobians is not None:
             blocks.copy_to(jacobians)
-        return blocks.error
+        return error
 
-    def _prepare(self, rows: int) -> None:
-        """Find out where the columns of the inner factor are, whose sizes are known by now."""
-        columns = self._inner.columns
-        by_key = dict(zip(self._inner.keys, columns, strict=True))
-        for name, key in (("pose", self._pose), ("velocity", self._velocity)):
-            if key is not None and by_key[key].stop - by_key[key].start != 6:
-                raise ValueError(f"the inner Jacobian by the {name} must have 6 columns")
-        firsts = (-1 if key is None else by_key[key].start for key in (self._pose, self._velocity))
-        self._places = np.array(list(firsts))
-        self._others = [(self._keys.index(key), by_key[key]) for key, _ in self._copied]
-        sizes = {self._keys[place]: of.stop - of.start for place, of in self._others}
-        self._blocks = blocks_of(rows, tuple(sizes.get(key, 6) for key in self._keys))
-        self._columns = columns
-
-    def _values_at(self, values: gtsam.Values, xi: Array, twist: Array) -> gtsam.Values:
+    def _values_at(self, values: gtsam.Values, found: Array) -> gtsam.Values:
         """Return the values of the inner factor, the state at t among them.
 
-        It is retracted from the identity, because GTSAM looks for the `insert` of a Pose3 among 45
+        It is retracted from the identity, because GTSAM looks for the `insert` of a Pose3 among 46
         of them, for longer than all else takes.
         """
         step = gtsam.VectorValues()
         if self._pose is not None:
-            step.insert(self._pose, xi)
+            step.insert(self._pose, found[48:])
         if self._velocity is not None:
-            step.insert(self._velocity, twist)
-        found = self._identity.retract(step)
-        for key, copied in self._copied:
-            copied.copy(values, key, found)
-        return found
+            step.insert(self._velocity, found[:6])
+        at_t = self._identity.retract(step)
+        if self._others:
+            at_t.insert(values.extract(self._others))
+        return at_t
+
+    def _prepare(self, shapes: list[tuple[int, ...]], at_t: gtsam.Values) -> None:
+        """Check the shapes of the transposed Jacobians, and find out where they belong."""
+        inner, zeros = self._inner, at_t.zeroVectors()
+        m, sizes = inner.model.dim(), [len(zeros.at(key)) for key in inner.keys]
+        if shapes != [(size, m) for size in sizes]:
+            wanted, given = [(m, size) for size in sizes], [shape[::-1] for shape in shapes]
+            raise ValueError(f"an error function must set jacobians of {wanted}, not {given}")
+        self._none, of_state = np.empty((0, m)), (self._pose, self._velocity)
+        self._places = [None if key is None else inner.keys.index(key) for key in of_state]
+        self._columns = list(pairwise(accumulate(sizes, initial=0)))
+        self._first = np.array([-1 if k is None else self._columns[k][0] for k in self._places])
+        self._shared = [(inner.keys.index(key), self._keys.index(key)) for key in self._others]
+        own = {place: sizes[k] for k, place in self._shared}
+        self._blocks = blocks_of(m, tuple(own.get(k, 6) for k in range(len(self._keys))))
+        self._shapes = shapes
+
+    def _whitened(self, ends: Ends, found: Array, rows: list[Array]) -> list[Array]:
+        """Whiten the transposed Jacobians and the error."""
+        system = np.vstack(rows)
+        assert self._noise is not None
+        parts = self._noise.parts
+        whiten_between_kernel(*ends, self._t, *parts, self._first, found, system.T)
+        return [*(system[first:end] for first, end in self._columns), system[-1]]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from factors.checks import Pose, checked_key, checked_pose, power_spectral_density
 from factors.factor import Factor
 from factors.jacobian_blocks import JacobianBlocks
-from factors.kernels.between import POSE_ONLY, between_kernel, chain_kernel
+from factors.kernels.between import between_kernel, chain_kernel
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
 from factors.kernels.se3 import Array, copy_columns_kernel, kernel
 from factors.lie import se3_adjoint, se3_inverse
@@ -62,14 +62,14 @@ def _linearized_kernel(
             for j in range(4):
                 T_world_cam[i, j] += found[6 + 4 * i + k] * T_body_cam[k, j]
     stereo = reprojection_kernel(T_world_cam, landmark, constants[2:5], constants[5:10])
-    error, system = error_at(outputs, 3), np.zeros((7, 3)).T
+    error, by_pose = error_at(outputs, 3), np.zeros((6, 3))
     for i in range(3):
-        error[i], system[i, 6] = stereo[i, 9], -stereo[i, 9]
+        error[i] = stereo[i, 9]
         for k in range(6):
             for j in range(6):
-                system[i, j] += stereo[i, k] * by_body[k, j]
+                by_pose[j, i] += stereo[i, k] * by_body[k, j]
     if derivatives:
-        chain_kernel(v_j, t, found, system, POSE_ONLY, outputs)
+        chain_kernel(v_j, t, found, by_pose, by_pose[:0], outputs)
         copy_columns_kernel(stereo, 6, jacobian_at(outputs, 4, 3, 3))
 
 

@@ -55,9 +55,9 @@ class MotionPrior(Factor):
 
     Notes
     -----
-    The error is whitened in the factor and its noise model is Unit, because GTSAM 4.3 turns the
-    covariance of short durations into a diagonal one, without correlation of pose and velocity.
-    Jacobians are exact.
+    The error of poses is whitened in the factor and its noise model is Unit; that of vectors has
+    the root of its information as noise model. GTSAM 4.3 turns the covariance of short durations
+    into a diagonal one, without correlation of pose and velocity. Jacobians are exact.
     """
 
     order: ClassVar[int]
@@ -79,8 +79,7 @@ class MotionPrior(Factor):
             Variable(name, key, pose if name.startswith("pose") else rate)
             for name, key in zip(names, keys, strict=True)
         ]
-        unit = gtsam.noiseModel.Unit.Create(self._prior.size)
-        super().__init__(unit, variables, self._prior.evaluate, made_of)
+        super().__init__(self._prior.model, variables, self._prior.evaluate, made_of)
 
     @classmethod
     def _key_names(cls) -> list[str]:

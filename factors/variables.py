@@ -53,6 +53,7 @@ ROT3 = Kind("a Rot3", gtsam.Values.atRot3)
 TWIST = vector(6)
 POINT3 = Kind("a Point3", gtsam.Values.atPoint3)
 BIAS = Kind("a ConstantBias", gtsam.Values.atConstantBias)
+ANY = Kind("a value", gtsam.Values.exists)
 
 
 def checked_keys(variables: Sequence[Variable]) -> list[int]:

@@ -17,7 +17,7 @@ from factors.kernels.local_variables import (
     retract_kernel,
     wnoa_kernel,
 )
-from factors.kernels.outputs import Addresses, error_at, jacobian_at
+from factors.kernels.outputs import Addresses, jacobian_at
 from factors.kernels.se3 import (
     RIGHT,
     Array,
@@ -35,7 +35,7 @@ from factors.kernels.triangular import factorize_kernel, solve_lower_kernel
 Index = NDArray[np.int64]
 
 POSE_ONLY = np.array([0, -1])
-"""Places of the pose and the twist, see `chain_kernel`."""
+"""Places of the pose and the twist, see `whiten_between_kernel`."""
 
 
 @inner_kernel
@@ -122,52 +122,45 @@ def between_kernel(T_i: Array, v_i: Array, T_j: Array, v_j: Array, t: Array, fou
 
 
 @kernel
-def state_at_kernel(
-    T_i: Array, v_i: Array, T_j: Array, v_j: Array, t: Array, found: Array, xi: Array
-) -> None:
-    """Do the same, and write the logarithm of the pose to xi (6,)."""
+def state_at_kernel(T_i: Array, v_i: Array, T_j: Array, v_j: Array, t: Array, found: Array) -> None:
+    """Do the same, and write the logarithm of the pose behind it, (54,)."""
     between_kernel(T_i, v_i, T_j, v_j, t, found)
     log = log_kernel(found[6:18].reshape(3, 4))
     for i in range(6):
-        xi[i] = log[i]
+        found[48 + i] = log[i]
 
 
 @kernel
 def chain_kernel(
-    v_j: Array, t: Array, found: Array, system: Array, places: Index, outputs: Addresses
+    v_j: Array, t: Array, found: Array, by_pose: Array, by_twist: Array, outputs: Addresses
 ) -> None:
-    """Write the error (m,) of a system [J, -e] (m, n + 1), and its Jacobians (m, 6) by both ends.
+    """Write the Jacobians (m, 6) by both ends of m errors at the time t.
 
-    `found` is of `between_kernel`; `places` are the first columns in J of the pose and of the
-    twist at t, -1 if there is none.
+    `found` is of `between_kernel`; `by_pose` and `by_twist` (6, m), or (0, m), are their transposed
+    Jacobians by the pose and the twist at t.
     """
-    m, last, pose, twist = len(system), system.shape[1] - 1, places[0], places[1]
-    error, by_T_i, by_v_i = (
-        error_at(outputs, m),
-        jacobian_at(outputs, 0, m, 6),
-        jacobian_at(outputs, 1, m, 6),
-    )
+    m, pose, twist = by_pose.shape[1], len(by_pose) > 0, len(by_twist) > 0
+    by_T_i, by_v_i = jacobian_at(outputs, 0, m, 6), jacobian_at(outputs, 1, m, 6)
     by_T_j, by_v_j = jacobian_at(outputs, 2, m, 6), jacobian_at(outputs, 3, m, 6)
     share = hermite_weights(t[0], t[1])
-    local_j, inverse, local = found[18:30], found[30:36].reshape(3, 2), found[36:]
+    local_j, inverse, local = found[18:30], found[30:36].reshape(3, 2), found[36:48]
     left, right, rate_by_xi = local_polynomials_kernel(local_j, inverse, v_j, EXACT)
     k = jacobian_coefficients_kernel(local, RIGHT)
     jacobian, adjoint = se3_polynomial_kernel(local, k), backward_adjoint_kernel(local)
     turning = jacobian  # of the twist alone
-    if twist >= 0:
+    if twist:
         turning = polynomial_derivative_kernel(local, k, local[6:])
     by_xi, by_rate = np.empty(6), np.empty(6)  # of state j
     for r in range(m):
-        error[r] = -system[r, last]
         for j in range(6):
             direct, x, w = 0.0, 0.0, 0.0
             for n in range(6):
-                if pose >= 0:
-                    direct += system[r, pose + n] * adjoint[n, j]
-                    x += system[r, pose + n] * jacobian[n, j]
-                if twist >= 0:
-                    x += system[r, twist + n] * turning[n, j]
-                    w += system[r, twist + n] * jacobian[n, j]
+                if pose:
+                    direct += by_pose[n, r] * adjoint[n, j]
+                    x += by_pose[n, r] * jacobian[n, j]
+                if twist:
+                    x += by_twist[n, r] * turning[n, j]
+                    w += by_twist[n, r] * jacobian[n, j]
             by_T_i[r, j], by_v_i[r, j] = direct, share[0, 0, 1] * x + share[0, 1, 1] * w
             by_xi[j] = share[1, 0, 0] * x + share[1, 1, 0] * w
             by_rate[j] = share[1, 0, 1] * x + share[1, 1, 1] * w
@@ -223,9 +216,10 @@ def whiten_between_kernel(
     found: Array,
     system: Array,
 ) -> None:
-    """Whiten a system (m, n + 1), see `chain_kernel`, in place.
+    """Whiten Jacobians and error (m, n + 1) at the time t, in place.
 
-    Its covariance (m, m) is increased by that of the state between, given both ends.
+    Their covariance (m, m) is increased by that of the state between, given both ends. `places` are
+    the first columns of the pose and of the twist at t, -1 if there is none.
     """
     m, T, v = len(system), found[6:18].reshape(3, 4), found[:6]
     total = covariance.copy()

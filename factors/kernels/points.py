@@ -19,8 +19,8 @@ from factors.kernels.se3 import Array, inner_kernel, kernel
 
 @inner_kernel
 def _system_kernel(T: Array, p: Array, lines: Array) -> Array:
-    """Compute [J, -e] (m, 7) of the pose T, whose first three rows count."""
-    system = np.empty((7, len(lines))).T  # in Fortran's order, as GTSAM's
+    """Compute the Jacobian by the pose T, whose first three rows count, and the error, (m, 7)."""
+    system = np.empty((7, len(lines))).T
     x, y, z = p[0], p[1], p[2]
     for i in range(len(lines)):
         a, b, c, error = 0.0, 0.0, 0.0, -lines[i, 3]
@@ -31,7 +31,7 @@ def _system_kernel(T: Array, p: Array, lines: Array) -> Array:
             error += lines[i, k] * T[k, 3]
         system[i, 0], system[i, 1], system[i, 2] = y * c - z * b, z * a - x * c, x * b - y * a
         system[i, 3], system[i, 4], system[i, 5] = a, b, c
-        system[i, 6] = -error - a * x - b * y - c * z
+        system[i, 6] = error + a * x + b * y + c * z
     return system
 
 
@@ -41,7 +41,7 @@ def point_kernel(T: Array, p: Array, lines: Array, outputs: Addresses) -> None:
     m, system = len(lines), _system_kernel(T, p, lines)
     error, by_pose = error_at(outputs, m), jacobian_at(outputs, 0, m, 6)
     for i in range(m):
-        error[i] = -system[i, 6]
+        error[i] = system[i, 6]
         for j in range(6):
             by_pose[i, j] = system[i, j]
 
@@ -69,4 +69,7 @@ def point_between_kernel(
     system = _system_kernel(found[6:18].reshape(3, 4), p, lines)
     if len(noise):
         whiten_between_kernel(T_i, v_i, T_j, v_j, t, noise, W, POSE_ONLY, found, system)
-    chain_kernel(v_j, t, found, system, POSE_ONLY, outputs)
+    chain_kernel(v_j, t, found, system.T[:6], system.T[:0], outputs)
+    error = error_at(outputs, len(lines))
+    for i in range(len(lines)):
+        error[i] = system[i, 6]

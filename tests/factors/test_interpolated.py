@@ -76,6 +76,7 @@ INNER: dict[str, Callable[[], Any]] = {
 WITH_TWIST: dict[str, Callable[[], Any]] = {
     "motion": lambda: WnoaPriorFactor(P, W, X(5), V(5), 0.1, QC),
     "speed": lambda: ErrorFunction(noise(1), [W, B(0), P], speedometer_at),
+    "speed, custom": lambda: gtsam.CustomFactor(noise(1), [W, B(0), P], speedometer_at),
     "twist": lambda: gtsam.PriorFactorVector(W, np.arange(6.0), noise(6)),
 }
 
@@ -265,14 +266,12 @@ def test_the_noise_of_the_state_between_is_added(t: float, robust: bool) -> None
 
 def test_bad_input_is_refused_by_name() -> None:
     gps = gtsam.GPSFactor(0, point, noise(3))
-    custom = gtsam.CustomFactor(noise(1), [0], lambda *_: np.zeros(1))
     zero = gtsam.GPSFactor(0, point, gtsam.noiseModel.Constrained.All(3))
     for name, make in (
         ("t = ", lambda: InterpolatedFactor(gps, *STATES, -0.1)),
         ("t = ", lambda: InterpolatedFactor(gps, *STATES, np.nan)),
         ("pose must be a key", lambda: InterpolatedFactor(gps, *STATES, 0.1, pose=4)),
         ("velocity must be a key", lambda: InterpolatedFactor(gps, *STATES, 0.1, velocity=4)),
-        ("ErrorFunction", lambda: InterpolatedFactor(custom, *STATES, 0.1)),
         (
             "inner must have keys",
             lambda: InterpolatedFactor(ErrorFunction(*[noise(1), [], min]), *STATES, 0.1),
@@ -304,10 +303,14 @@ def constant_error(error: Any, *jacobians: Array) -> ErrorFunction:
         (r"must return \(3,\)", constant_error(np.zeros(2), np.eye(3, 6))),
         (r"must return \(3,\)", constant_error(np.zeros((3, 1)), np.eye(3, 6))),
         ("must be real numbers", constant_error("none", np.eye(3, 6))),
-        ("must set all", constant_error(np.zeros(3))),
-        ("a row for each error", constant_error(np.zeros(3), np.eye(1, 6))),
-        ("pose must have 6 columns", constant_error(np.zeros(3), np.eye(3, 5))),
-        ("velocity must have 6 columns", constant_error(np.zeros(3), np.eye(3, 6), np.eye(3, 7))),
+        ("must set jacobians", constant_error(np.zeros(3))),
+        ("must set jacobians", constant_error(np.zeros(3), np.eye(1, 6))),
+        (r"\[\(3, 6\)\], not \[\(3, 5\)\]", constant_error(np.zeros(3), np.eye(3, 5))),
+        (r"not \[\(3, 6\), \(3, 7\)\]", constant_error(np.zeros(3), np.eye(3, 6), np.eye(3, 7))),
+        (
+            "must set jacobians",
+            ErrorFunction(noise(3), [P], lambda _, __, H: H.clear() or np.zeros(3)),
+        ),
     ],
 )
 def test_a_wrong_error_function_is_refused_and_not_read_beyond_its_end(

@@ -248,7 +248,12 @@ def test_factors_that_differ_are_not_equal() -> None:
     assert stereo[0].equals(stereo[1])
     assert not stereo[0].equals(stereo[2])
     assert not stereo[0].equals(factor)
-    assert not factor.equals(gtsam.CustomFactor(factor.noiseModel(), keys, lambda *_: np.zeros(12)))
+    custom = [gtsam.CustomFactor(NOISE, [9], lambda *_, n=n: np.full(3, n)) for n in (0.0, 1.0)]
+    assert not factor.equals(custom[0])
+    states = (X(0), V(0), 0.0), (X(1), V(1), DT)
+    one, other = (InterpolatedFactor(inner, *states, DT / 2) for inner in custom)
+    assert one.equals(InterpolatedFactor(custom[0], *states, DT / 2))
+    assert not one.equals(other)
 
 
 def test_what_gtsam_cannot_do_with_python_factors_is_as_the_docstring_says() -> None:

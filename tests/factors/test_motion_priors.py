@@ -140,6 +140,25 @@ def test_errors_of_vectors_of_one_axis_agree(prior: Any) -> None:
     np.testing.assert_allclose(make(prior, dt).error(values), line.error(lines), rtol=1e-10)
 
 
+@pytest.mark.parametrize("size", [1, 2, 3, 4])
+@pytest.mark.parametrize("dt", [1e-6, 0.2])
+def test_vectors_of_any_size_by_hand(size: int, dt: float) -> None:
+    """Those of points are read by GTSAM, but its noise is of short durations and whole qc, too."""
+    rng, values, keys = np.random.default_rng(size), gtsam.Values(), [X(0), V(0), X(1), V(1)]
+    x_i, v_i, x_j, v_j = numbers = rng.normal(size=(4, size))
+    for key, number in zip(keys, numbers, strict=True):
+        values.insert(key, number)
+    A = rng.normal(size=(size, size))
+    qc = A @ A.T + np.eye(size)
+    linear = WnoaPriorFactorVector(*keys, dt, qc).linearize(values)
+    S, one = prior_square_root_information(2, dt, qc, size), np.eye(size)
+    error = np.r_[x_j - x_i - dt * v_i, v_j - v_i]
+    J = np.block([[-one, -dt * one, one, 0 * one], [0 * one, -one, 0 * one, one]])
+    expected, found = (M.T @ M for M in (S @ np.c_[J, -error], linear.augmentedJacobian()))
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / scale, expected / scale, rtol=0, atol=1e-13)
+
+
 def decimals(array: Any) -> Any:
     return np.vectorize(Decimal, otypes=[object])(np.asarray(array, np.float64))
 
