@@ -35,7 +35,7 @@ def pyramid(image: NDArray[np.uint8]) -> Pyramid:
 def anchors_at(image: NDArray[np.uint8], points: NDArray[np.float64]) -> Anchors:
     left = points.astype(np.float32)
     sights = Sights.of_frame(left, left - np.float32([10.0, 0.0]), np.eye(4))
-    return Anchors.of_image(pyramid(image), left, sights)
+    return Anchors.of_image(pyramid(image), sights)
 
 
 @given(

@@ -15,11 +15,10 @@ from gpvo.tracking.klt.patch_kernels import (
     differentiate,
     dot,
     interpolate,
-    sample_patch,
 )
 
 Array = NDArray[np.float64]
-Patches = NDArray[np.float32]
+Patches = NDArray[np.uint8]
 Points = NDArray[np.float32]
 
 LEAST_GAIN, MOST_GAIN = 0.2, 5.0
@@ -27,24 +26,36 @@ LEAST_GAIN, MOST_GAIN = 0.2, 5.0
 
 
 @njit(cache=True, nogil=True)
-def cut_patches_kernel(image: Level, points: Points, border: int, half: int) -> Patches:
-    """Sample the patches (N, 2 half + 1, 2 half + 1) around points (N, 2), bilinearly.
+def cut_patches_kernel(image: Level, centres: NDArray[np.int64], border: int, half: int) -> Patches:
+    """Copy the patches (N, 2 half + 1, 2 half + 1) around pixels (N, 2).
 
     The image has a border around it, beyond which its last pixels are repeated.
     """
+    height, width = image.shape
     side = 2 * half + 1
-    patches = np.empty((len(points), side, side), np.float32)
-    window = np.empty((side + 1, side + 1), np.float32)
-    for i in range(len(points)):
-        sample_patch(image, points[i, 0] + border, points[i, 1] + border, window, patches[i])
+    patches = np.empty((len(centres), side, side), np.uint8)
+    for i in range(len(centres)):
+        left, top = centres[i, 0] + border - half, centres[i, 1] + border - half
+        for row in range(side):
+            line = image[min(max(top + row, 0), height - 1)]
+            for column in range(side):
+                patches[i, row, column] = np.uint8(line[min(max(left + column, 0), width - 1)])
     return patches
 
 
 @njit(cache=True, nogil=True)
 def match_anchors_kernel(
-    patches: Patches, inverse_warps: Array, image: Level, side: int, ends: Points, alike: Array
+    patches: Patches,
+    places: Array,
+    inverse_warps: Array,
+    image: Level,
+    side: int,
+    ends: Points,
+    alike: Array,
 ) -> None:
     """Refine the ends (N, 2), and set the correlation (N,) of those that are found.
+
+    Landmarks are at the places (N, 2) of the patches, pixels from their first one.
 
     With gain g and bias b the image is g patch + b. The gradients are made orthogonal to the patch
     and to a constant, so that both drop out of the normal equations of a step.
@@ -59,7 +70,7 @@ def match_anchors_kernel(
         u, v = float(ends[i, 0]) + corner, float(ends[i, 1]) + corner
         if not touches(image, side, u, v):
             continue
-        warp_kernel(patches[i], inverse_warps[i], side, width, samples)
+        warp_kernel(patches[i], places[i], inverse_warps[i], side, width, samples)
         differentiate(samples, width, across, down)
         centre(samples[width + 1 :], side, width, patch)
         _sample(image, u, v, side, width, window, seen, image_patch)
@@ -77,10 +88,10 @@ def match_anchors_kernel(
 
 @njit(cache=True, nogil=True)
 def warp_kernel(
-    patch: NDArray[np.float32], inverse: Array, side: int, width: int, samples: Row
+    patch: NDArray[np.uint8], place: Array, inverse: Array, side: int, width: int, samples: Row
 ) -> None:
     """Sample a kept patch at the pixels of the image, and of a margin of one around them."""
-    middle, last = len(patch) // 2, np.float32(len(patch) - 1.001)
+    x_0, y_0, last = np.float32(place[0]), np.float32(place[1]), np.float32(len(patch) - 1.001)
     half, nothing = side // 2 + 1, np.float32(0)
     a, b = np.float32(inverse[0, 0]), np.float32(inverse[0, 1])
     c, d = np.float32(inverse[1, 0]), np.float32(inverse[1, 1])
@@ -88,8 +99,8 @@ def warp_kernel(
         y = np.float32(row - half)
         for column in range(side + 2):
             x = np.float32(column - half)
-            u = min(max(middle + a * x + b * y, nothing), last)
-            v = min(max(middle + c * x + d * y, nothing), last)
+            u = min(max(x_0 + a * x + b * y, nothing), last)
+            v = min(max(y_0 + c * x + d * y, nothing), last)
             left, top = int(u), int(v)
             right, low = u - left, v - top
             upper = (1 - right) * patch[top, left] + right * patch[top, left + 1]

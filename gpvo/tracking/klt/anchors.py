@@ -27,20 +27,21 @@ class Anchors(ArrayTable):
     Attributes
     ----------
     patch
-        (N, side, side) float32 image around the landmark.
+        (N, side, side) uint8 image around the landmark's pixel.
     sights
         Where they were seen.
     """
 
-    patch: NDArray[np.float32]
+    patch: NDArray[np.uint8]
     sights: Sights
 
     @classmethod
-    def of_image(cls, image: Pyramid, points: Points, sights: Sights) -> Anchors:
-        """Keep the image around the points (N, 2) of a frame."""
+    def of_image(cls, image: Pyramid, sights: Sights) -> Anchors:
+        """Keep the image around landmarks that were seen in it."""
         half = int(ROOM * (image.patch_size // 2)) + 1
-        patch = cut_patches_kernel(image.levels[0], points, image.patch_size + BEYOND, half)
-        return cls(patch, sights)
+        border = image.patch_size + BEYOND
+        pixels = _pixels(sights.point)
+        return cls(cut_patches_kernel(image.levels[0], pixels, border, half), sights)
 
 
 def match_anchors(
@@ -52,12 +53,14 @@ def match_anchors(
     points in the image (N, 2), and the correlation (N,) of the warped patches with the image there,
     -1 for those that are not found.
     """
+    places = anchors.sights.point - _pixels(anchors.sights.point) + anchors.patch.shape[1] // 2
     ends, alike = guess.astype(np.float32), np.full(len(guess), -1.0)
     inverse = np.linalg.inv(warps)
 
     def match(part: slice) -> None:
         match_anchors_kernel(
             anchors.patch[part],
+            places[part],
             inverse[part],
             image.levels[0],
             image.patch_size,
@@ -67,3 +70,8 @@ def match_anchors(
 
     in_halves(match, len(guess))
     return ends, alike
+
+
+def _pixels(points: NDArray[np.floating]) -> NDArray[np.int64]:
+    """Return the pixels (N, 2) in which points (N, 2) are."""
+    return np.rint(points).astype(np.int64)

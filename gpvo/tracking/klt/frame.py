@@ -35,7 +35,7 @@ class Frame:
     ) -> Frame:
         """Return a frame before any landmark is known in it."""
         points = np.empty((0, 2), np.float32)
-        anchors = Anchors.of_image(left_image, points, Sights.of_frame(points, points, T_start_cam))
+        anchors = Anchors.of_image(left_image, Sights.of_frame(points, points, T_start_cam))
         landmark = np.empty(0, np.int64)
         return cls(left_image, right_image, T_start_cam, landmark, points, points, anchors)
 
@@ -54,7 +54,7 @@ class Frame:
     def anchored(self, landmark: NDArray[np.int64], left: Points, right: Points) -> Frame:
         """Return the same images with landmarks that are seen first in them."""
         sights = Sights.of_frame(left, right, self.T_start_cam)
-        anchors = Anchors.of_image(self.left_image, left, sights)
+        anchors = Anchors.of_image(self.left_image, sights)
         return self.with_landmarks(landmark, left, right, anchors)
 
     def select(self, mask: NDArray[np.bool_]) -> Frame:
