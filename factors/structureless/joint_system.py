@@ -96,19 +96,24 @@ class JointSystem:
 
     @staticmethod
     def of_rows(found: Rows, landmarks: int) -> JointSystem:
-        """The system of some rows of a number of landmarks."""
+        """The system of some rows of a number of landmarks.
+
+        Those that are not measured tell nothing of the states: whatever these are, the landmark
+        fits its prior.
+        """
         latent = found.latent
         shared = int(latent[-1]) + found.prior.shape[2] - 13
         size = shared + 12 * found.states + 1
         H, own = np.zeros((size, size)), np.zeros((landmarks, 3, 3))
-        cross = np.zeros((landmarks, 3, size))
+        cross, measured = np.zeros((landmarks, 3, size)), np.zeros(landmarks, np.bool_)
+        measured[found.of] = True
         _add_measurements(found, latent, shared, H, cross, own)
         if len(found.prior):
-            _add_prior(found, int(latent[-1]), H, cross, own)
+            _add_prior(found, measured, int(latent[-1]), H, cross, own)
         H.ravel()[: shared * size : size + 1] += 1.0
         scale, known = np.diag(H).copy(), np.empty(landmarks)
         whiten_kernel(own, cross, known)
-        flat = cross.reshape(-1, size)
+        flat = cross[measured].reshape(-1, size)
         H -= flat.T @ flat if len(flat) else 0.0
         return JointSystem(H, scale, own, cross, known, latent, shared)
 
@@ -210,9 +215,14 @@ def _add_measurements(
     add_cross_products_kernel(found.of, *places, J, found.by_landmark, cross, own)
 
 
-def _add_prior(found: Rows, first: int, H: Array, cross: Array, own: Array) -> None:
-    """Add the same of the landmarks' prior: of columns from the first one on, and of the error."""
-    flat = found.prior.reshape(-1, found.prior.shape[2])
+def _add_prior(
+    found: Rows, measured: NDArray[np.bool_], first: int, H: Array, cross: Array, own: Array
+) -> None:
+    """Add the same of the landmarks' prior: of columns from the first one on, and of the error.
+
+    To H only of the measured landmarks.
+    """
+    flat = found.prior[measured[found.prior_of]].reshape(-1, found.prior.shape[2])
     square, columns = flat.T @ flat, slice(first, first + flat.shape[1] - 1)
     H[columns, columns] += square[:-1, :-1]
     H[columns, -1] += square[:-1, -1]
