@@ -170,6 +170,8 @@ class MotionCompensation:
         oldest = self._frame_count - len(self._images)
         for number, (left_image, right_image) in enumerate(self._images, oldest):
             now, radius = seen.frame == number, self._config.time_radius
+            if not now.any():
+                continue
             left[now], times[now, 0] = left_image.at_own_times(seen.left[now], radius)
             _, times[now, 1] = right_image.at_own_times(seen.right[now], radius)
             left[now] += self._lag.ahead(seen.left[now])

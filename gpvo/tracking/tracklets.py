@@ -49,7 +49,9 @@ class Tracklets:
         if seen.any():
             self._shown.append(newest)
             self._keep(self._measurements.frame >= self._shown[0])
-        new = [self._measure(number, shown, observations) for number, shown in self._clusters]
+        frames = {newest, *observations.frame.tolist()}
+        shown = [(number, shown) for number, shown in self._clusters if number in frames]
+        new = [self._measure(*one, observations) for one in shown]
         self.out_of_bounds = int(seen.sum()) - len(new[-1])
         self._measurements = Measurements.concatenate([self._measurements, *new])
         self._taken = np.append(self._taken, np.zeros(sum(map(len, new)), bool))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from gpvo.recordings.base import Events, StereoEvents
@@ -90,28 +91,25 @@ class RowRates:
 
     def _count(self, side: int, events: Events, some: int, first: int, stop: int) -> None:
         """Add the events of the bins from `first` to before `stop`, `some` times their weights."""
-        band, weight = _bands_and_weights(self._pixels[side], events)
-        time = np.minimum((events.t / BIN).astype(np.int64), stop - 1) - first  # may be rounded up
-        inside = (band < BANDS) & (time >= 0)
-        row = 2 * band[inside].astype(np.int64) + events.polarity[inside]
-        shape = 2 * BANDS, stop - first
-        bins = row * shape[1] + time[inside]
-        count = np.bincount(bins, weight[inside], minlength=shape[0] * shape[1])
+        count = np.zeros((2 * BANDS, stop - first), np.float32)
+        columns = events.x, events.y, events.t, events.polarity
+        _add_weights(count, *self._pixels[side], *columns, first)
         place = slice(first - self._first, stop - self._first)
-        self._counts[side, :, place] += some * count.reshape(shape)
+        self._counts[side, :, place] += some * count
 
 
 class _Pixels(NamedTuple):
-    """What each raw pixel (height, width) counts for."""
+    """What each raw pixel (height, width) counts for; the last column stands for all after it."""
 
     band: NDArray[np.uint8]  # BANDS outside of the rectified rows
     weight: NDArray[np.float32]
 
 
-def _pixels(rig: StereoRig, side: int) -> _Pixels | None:
-    """Return what the pixels count for; None without calibration."""
+def _pixels(rig: StereoRig, side: int) -> _Pixels:
+    """Return what the pixels count for; without calibration all columns are alike."""
     if rig.resolution == LARGEST:
-        return None
+        band = np.minimum(np.arange(LARGEST[1] + 1) // UNKNOWN_BAND, BANDS)[:, None]
+        return _Pixels(band.astype(np.uint8), np.ones(band.shape, np.float32))
     (width, height), x_y = rig.resolution, rig.tables[side]
     row, part = x_y[:, :, 1], np.clip((x_y[:, :, 0] + 0.5) / width, 0.0, 1.0)
     inside = (row >= 0) & (row < height)
@@ -120,8 +118,21 @@ def _pixels(rig: StereoRig, side: int) -> _Pixels | None:
     return _Pixels(band.astype(np.uint8), weight.astype(np.float32))
 
 
-def _bands_and_weights(pixels: _Pixels | None, events: Events) -> tuple[NDArray, NDArray]:
-    x, y = events.x, events.y
-    if pixels is None:
-        return y // UNKNOWN_BAND, np.ones(len(events), np.float32)
-    return pixels.band[y, x], pixels.weight[y, x]
+@njit(cache=True, nogil=True)
+def _add_weights(
+    counts: NDArray[np.float32],
+    band: NDArray[np.uint8],
+    weight: NDArray[np.float32],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    t: NDArray[np.float64],
+    polarity: NDArray[np.bool_],
+    first: int,
+) -> None:
+    """Add events (N,) to the numbers (2 bands, bins) from a first bin on."""
+    for i in range(len(t)):
+        column = min(np.int64(x[i]), band.shape[1] - 1)
+        row = np.int64(band[y[i], column])
+        time = min(np.int64(t[i] / BIN) - first, counts.shape[1] - 1)  # t may be rounded up
+        if row < BANDS and time >= 0:
+            counts[2 * row + polarity[i], time] += weight[y[i], column]
