@@ -18,38 +18,38 @@ class StageConfig(BaseModel):
 class ClusteringConfig(StageConfig):
     """Section III-A.1: when a cluster of events ends."""
 
-    window: float = Field(0.1, gt=0, description="Longest duration of a cluster, seconds.")
+    window: float = Field(default=0.1, gt=0, description="Longest duration of a cluster, seconds.")
     motion: float = Field(
-        2.2,
+        default=2.2,
         gt=0,
         description="Image motion of the slower features during a cluster, tracked pixels.",
     )
     shortest: float = Field(
-        0.02,
+        default=0.02,
         ge=0,
         description="Shortest duration of a cluster by the motion, seconds: the images are "
         "compensated, and each costs the same time.",
     )
     max_events: int | None = Field(
-        None,
+        default=None,
         gt=0,
         description="Events of either camera that end a cluster early, instead of the motion: the "
         "paper's way, which fits one sensor and one scene. null for the motion.",
     )
     skip_flashes: bool = Field(
-        True,
+        default=True,
         description="Leave out stretches in which all pixels fire at once, such as when a lamp is "
         "switched.",
     )
     background_filter: float | None = Field(
-        None,
+        default=None,
         ge=0,
         description="Drop events without another one in the pixels around within this time before, "
         "seconds; 0 keeps all, null finds the time from the background activity while the stream "
         "runs, and leaves a clean stream alone.",
     )
     hot_pixel_ratio: float = Field(
-        10.0,
+        default=10.0,
         ge=0,
         description="Drop events of pixels that had more recent events than this many times those "
         "of the pixels around them; 0 keeps all.",
@@ -59,9 +59,11 @@ class ClusteringConfig(StageConfig):
 class FeatureConfig(StageConfig):
     """LIBVISO2's blob and corner detector."""
 
-    nms_radius: int = Field(3, ge=1, description="Half window of non-maximum suppression, pixels.")
+    nms_radius: int = Field(
+        default=3, ge=1, description="Half window of non-maximum suppression, pixels."
+    )
     response_threshold: float = Field(
-        50.0, ge=0, description="Smallest magnitude of a filter response that is a feature."
+        default=50.0, ge=0, description="Smallest magnitude of a filter response that is a feature."
     )
 
 
@@ -69,34 +71,38 @@ class KltConfig(StageConfig):
     """Features followed around the quad by the patch that surrounds them (Lucas-Kanade)."""
 
     smoothing: float = Field(
-        0.7, gt=0, description="Standard deviation of the Gaussian blur of event images, pixels."
+        default=0.7,
+        gt=0,
+        description="Standard deviation of the Gaussian blur of event images, pixels.",
     )
-    patch_size: int = Field(31, ge=5, description="Side of the patch, pixels.")
-    pyramid_levels: int = Field(3, ge=0, description="Coarser pyramid levels above the image.")
-    max_features: int = Field(200, ge=1, description="Features per frame and resolution.")
-    spacing: int = Field(8, ge=1, description="Smallest distance between features, pixels.")
+    patch_size: int = Field(default=31, ge=5, description="Side of the patch, pixels.")
+    pyramid_levels: int = Field(
+        default=3, ge=0, description="Coarser pyramid levels above the image."
+    )
+    max_features: int = Field(default=200, ge=1, description="Features per frame and resolution.")
+    spacing: int = Field(default=8, ge=1, description="Smallest distance between features, pixels.")
     closure_tolerance: float = Field(
-        0.5, gt=0, description="How near to its start a quad must end, pixels."
+        default=0.5, gt=0, description="How near to its start a quad must end, pixels."
     )
     row_tolerance: float = Field(
-        1.5, gt=0, description="Largest row difference between left and right, pixels."
+        default=1.5, gt=0, description="Largest row difference between left and right, pixels."
     )
     min_correlation: float = Field(
-        0.3,
+        default=0.3,
         ge=-1,
         le=1,
         description="Least correlation between left and right in the middle of the patch, half its "
         "side; -1 asks for none.",
     )
     min_row_gradient: float = Field(
-        8.0,
+        default=8.0,
         ge=0,
         description="Least root mean square of the left image's gradient along the row in the same "
         "middle, of 255 per pixel: a disparity is measured there, not at the patch's margins; 0 "
         "asks for none.",
     )
     anchor_correlation: float = Field(
-        0.6,
+        default=0.6,
         ge=-1,
         le=1,
         description="Least correlation of a landmark's anchor, the patch of its first sight warped "
@@ -104,19 +110,19 @@ class KltConfig(StageConfig):
         "it a new one in each frame.",
     )
     anchor_tolerance: float = Field(
-        1.0,
+        default=1.0,
         gt=0,
         description="Largest distance between the match with the previous frame and the match "
         "with the anchor, pixels; beyond it the landmark is dropped.",
     )
     lost_landmarks: int = Field(
-        300,
+        default=300,
         ge=0,
         description="Landmarks that were lost, the latest ones, which are searched where the "
         "motion brings them back into view; 0 for none.",
     )
     search_tolerance: float = Field(
-        3.0,
+        default=3.0,
         gt=0,
         description="Largest distance of a landmark that is found again from where all that are "
         "found are on average, relative to where the motion takes them, pixels; its half for "
@@ -128,52 +134,63 @@ class Viso2Config(StageConfig):
     """LIBVISO2's circular matching of descriptors."""
 
     smoothing: float = Field(
-        1.5,
+        default=1.5,
         ge=0,
         description="Standard deviation of the Gaussian blur of event images, pixels. 0 is "
         "LIBVISO2, which knows grey images: of a raw binary frame few features are found again.",
     )
     flow_radius: int = Field(
-        40, ge=1, description="Search half range per frame of temporal distance, pixels."
+        default=40, ge=1, description="Search half range per frame of temporal distance, pixels."
     )
-    max_disparity: int = Field(100, ge=1, description="Search range of stereo matches, pixels.")
+    max_disparity: int = Field(
+        default=100, ge=1, description="Search range of stereo matches, pixels."
+    )
     row_tolerance: int = Field(
-        1, ge=0, description="Largest row difference between left and right, pixels."
+        default=1, ge=0, description="Largest row difference between left and right, pixels."
     )
     two_stage: bool = Field(
-        True,
+        default=True,
         description="Match a sparse set of features first, and search for the others only where "
         "the matches around them went.",
     )
     sparse_nms_radius: int = Field(
-        9, ge=1, description="Half window of non-maximum suppression of the sparse set, pixels."
+        default=9,
+        ge=1,
+        description="Half window of non-maximum suppression of the sparse set, pixels.",
     )
     range_cell: int = Field(
-        50, ge=1, description="Side of the cells that have search ranges of their own, pixels."
+        default=50,
+        ge=1,
+        description="Side of the cells that have search ranges of their own, pixels.",
     )
     least_range: float = Field(
-        20.0, ge=0, description="Width below which a search range is widened, pixels."
+        default=20.0, ge=0, description="Width below which a search range is widened, pixels."
     )
     outlier_flow_tolerance: float = Field(
-        5.0, gt=0, description="Flow difference (L1) up to which Delaunay neighbours agree, pixels."
+        default=5.0,
+        gt=0,
+        description="Flow difference (L1) up to which Delaunay neighbours agree, pixels.",
     )
     outlier_disparity_tolerance: float = Field(
-        5.0, gt=0, description="Disparity difference up to which Delaunay neighbours agree, pixels."
+        default=5.0,
+        gt=0,
+        description="Disparity difference up to which Delaunay neighbours agree, pixels.",
     )
     min_support: int = Field(
-        4,
+        default=4,
         ge=0,
         description="Edges to Delaunay neighbours that must agree, one between two triangles "
         "counting twice; 0 keeps all matches.",
     )
     refinement: Literal["none", "pixel", "subpixel"] = Field(
-        "subpixel", description="How far positions are refined on the gradients around them."
+        default="subpixel",
+        description="How far positions are refined on the gradients around them.",
     )
     bucket_size: int = Field(
-        50, ge=1, description="Side of the cells that few features are kept of, pixels."
+        default=50, ge=1, description="Side of the cells that few features are kept of, pixels."
     )
     bucket_features: int = Field(
-        0,
+        default=0,
         ge=0,
         description="Features per cell, those of the longest tracklets, then the strongest; 2 in "
         "LIBVISO2. 0 keeps all.",
@@ -184,19 +201,19 @@ class CompensationConfig(StageConfig):
     """Motion-compensated images."""
 
     reach: float = Field(
-        24.0,
+        default=24.0,
         gt=0,
         description="Standard deviation of the weights with which features tell the image motion "
         "around them, pixels.",
     )
     time_radius: float = Field(
-        15.0,
+        default=15.0,
         gt=0,
         description="A feature's time is the mean of the events within this radius, pixels: the "
         "patch that is tracked.",
     )
     lag: float = Field(
-        0.2,
+        default=0.2,
         ge=0,
         description="How far contours are seen behind where they are, pixels: half of the contrast "
         "threshold over the gradient of the logarithmic brightness. Observations are moved ahead "
@@ -208,25 +225,25 @@ class TrackingConfig(StageConfig):
     """Section III-A.2: detection, quad matching and extension over earlier frames."""
 
     tracker: Literal["klt", "viso2"] = Field(
-        "klt",
+        default="klt",
         description="How features are matched: by the patch around them (Lucas-Kanade), or by "
         "LIBVISO2's descriptors, the paper's choice.",
     )
     resolutions: tuple[Literal[1, 2], ...] | None = Field(
-        None,
+        default=None,
         min_length=1,
         description="Image resolutions that are tracked independently: 1 full, 2 half; null for "
         "the full one up to 640 x 480 and the half one of larger sensors. The paper takes both. "
         "The pixels of the finest are the tracked pixels that other fields speak of.",
     )
     image: Literal["binary", "time_surface", "motion_compensated"] = Field(
-        "motion_compensated",
+        default="motion_compensated",
         description="What is tracked of a cluster's events: that there was one, as in the paper, "
         "how late in the cluster the latest one was, or how many there were where they would have "
         "been in the cluster's middle.",
     )
     earlier_frames: int = Field(
-        4,
+        default=4,
         ge=1,
         description="Number of earlier frames that tracklets of LIBVISO2's features are extended "
         "over; patches have anchors instead.",
@@ -257,27 +274,31 @@ class TrackletConfig(StageConfig):
     """Section III-A.2: measurement times and the four filters."""
 
     time_radius: float = Field(
-        15.0,
+        default=15.0,
         ge=0,
         description="A feature's time is the mean of the SAE within this radius, tracked pixels: "
         "the patch that is tracked. 0 takes the nearest event's time alone, as the paper does.",
     )
     max_stereo_time_difference: float = Field(
-        0.020, gt=0, description="Largest time difference between left and right, seconds."
+        default=0.020, gt=0, description="Largest time difference between left and right, seconds."
     )
-    min_disparity: float = Field(2.0, ge=0, description="Smallest disparity, tracked pixels.")
-    min_length: float = Field(2.0, ge=0, description="Smallest image motion, tracked pixels.")
+    min_disparity: float = Field(
+        default=2.0, ge=0, description="Smallest disparity, tracked pixels."
+    )
+    min_length: float = Field(
+        default=2.0, ge=0, description="Smallest image motion, tracked pixels."
+    )
     min_duration: float = Field(
-        0.015, ge=0, description="Shortest duration, seconds; 0.04 in the paper."
+        default=0.015, ge=0, description="Shortest duration, seconds; 0.04 in the paper."
     )
     rest_duration: float = Field(
-        0.4,
+        default=0.4,
         ge=0,
         description="Duration from which a tracklet passes however short it is, seconds: the "
         "camera hardly moves; 0 for never, as in the paper.",
     )
     history: int = Field(
-        10,
+        default=10,
         ge=2,
         description="Clusters that tracklets are remembered for; in slow motion they take long to "
         "reach `min_length`.",
@@ -287,41 +308,47 @@ class TrackletConfig(StageConfig):
 class McRansacConfig(StageConfig):
     """Section III-B: motion-compensated RANSAC."""
 
-    iterations: int = Field(10_000, ge=1, description="Samples of the fast version.")
-    sample_size: int = Field(3, ge=3, description="Tracklets per sample, M_rand.")
+    iterations: int = Field(default=10_000, ge=1, description="Samples of the fast version.")
+    sample_size: int = Field(default=3, ge=3, description="Tracklets per sample, M_rand.")
     relative_threshold: float = Field(
-        0.05, gt=0, description="Largest e_rel of an inlier: error over segment length."
+        default=0.05, gt=0, description="Largest e_rel of an inlier: error over segment length."
     )
     pixel_threshold: float = Field(
-        1.5,
+        default=1.5,
         ge=0,
         description="Errors up to this are inliers however short the segment, tracked pixels; "
         "0 for the paper's rule.",
     )
     span: int = Field(
-        4, ge=1, description="Clusters between the two measurements of a segment, at most."
+        default=4, ge=1, description="Clusters between the two measurements of a segment, at most."
     )
     confidence: float = Field(
-        0.9999,
+        default=0.9999,
         gt=0,
         le=1,
         description="Stop drawing once a sample free of outliers was drawn with this probability; "
         "1 draws all `iterations`, as the paper does.",
     )
     refinements: int = Field(
-        5,
+        default=5,
         ge=1,
         description="Times that the velocity is refined on its inliers and the segments are judged "
         "again, at most; it ends when the inliers stay. Once in the paper.",
     )
     refinement_iterations: int = Field(
-        20, ge=1, description="Largest number of Gauss-Newton steps of the iterative version."
+        default=20,
+        ge=1,
+        description="Largest number of Gauss-Newton steps of the iterative version.",
     )
     refinement_tolerance: float = Field(
-        1e-6, gt=0, description="Step of the velocity that ends Gauss-Newton, rad/s and m/s."
+        default=1e-6,
+        gt=0,
+        description="Step of the velocity that ends Gauss-Newton, rad/s and m/s.",
     )
     max_condition: float = Field(
-        1e10, gt=1, description="Condition number beyond which the velocity is undetermined."
+        default=1e10,
+        gt=1,
+        description="Condition number beyond which the velocity is undetermined.",
     )
 
 
@@ -333,44 +360,44 @@ class NoiseConfig(StageConfig):
     """Section IV: the covariances of motion and measurements."""
 
     acceleration_psd: Vector6 = Field(
-        (1 / 500, 1 / 500, 1 / 500, 1 / 50, 1 / 50, 1 / 50),
+        default=(1 / 500, 1 / 500, 1 / 500, 1 / 50, 1 / 50, 1 / 50),
         description="Diagonal of Q_c, the power spectral density of the white noise on body "
         "acceleration: rotation (rad^2/s^3), then translation (m^2/s^3).",
     )
     measurement_information: Vector3 = Field(
-        (13.0, 13.0, 22.0),
+        default=(13.0, 13.0, 22.0),
         description="Diagonal of R^-1, the inverse covariance of (u_left, v, disparity), tracked "
         "pixel^-2: what `gpvo tune-noise` learns of patches on motion-compensated images. The "
         "paper's features have (0.5, 0.5, 0.1).",
     )
     track_drift: float = Field(
-        0.25,
+        default=0.25,
         ge=0,
         description="Random walk of a tracked point on its landmark, tracked pixels per root "
         "second: what a landmark was measured at before the window counts as much less certain. 0 "
         "takes it for a point, as the paper does.",
     )
     known_again: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         description="Standard deviation of what a landmark that was lost and found again is off, "
         "tracked pixels: contours look and lag otherwise when the motion is another. 0 takes it "
         "for the same point.",
     )
     motion_memory: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         description="How long the motion is remembered that Q_c follows, seconds: "
         "`acceleration_psd` is where it starts. 0 keeps that value, as in the paper.",
     )
     measurement_memory: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         description="How long the residuals are remembered that the scale of R follows, seconds: "
         "`measurement_information` is where it starts. 0 keeps that value, as in the paper.",
     )
     initial_velocity: float = Field(
-        1.0, gt=0, description="Standard deviation of the first velocity, rad/s and m/s."
+        default=1.0, gt=0, description="Standard deviation of the first velocity, rad/s and m/s."
     )
 
 
@@ -378,69 +405,77 @@ class EstimatorConfig(StageConfig):
     """Section III-C: the sliding window or fixed-lag smoother."""
 
     method: Literal["fixed_lag", "batch"] = Field(
-        "fixed_lag",
+        default="fixed_lag",
         description="fixed_lag: GTSAM's IncrementalFixedLagSmoother, which keeps what is known "
         "from before the window and takes factors of your own; batch: Gauss-Newton over the window "
         "alone, every state and landmark a variable of a GTSAM graph, as in the paper.",
     )
     interval: float = Field(
-        0.02,
+        default=0.02,
         ge=0,
         description="Shortest time between two updates, seconds: shorter clusters are estimated "
         "together. 0 updates at every cluster, as in the paper.",
     )
     window: int = Field(
-        5,
+        default=5,
         ge=2,
         description="Lag in updates, which are at clusters' ends: how many of the latest are in "
         "the window.",
     )
     lost_landmarks: int = Field(
-        300,
+        default=300,
         ge=0,
         description="Landmarks that fixed_lag remembers when they are not measured in the window "
         "any more, those measured latest: they may be known again. 0 for none.",
     )
     lag: float | None = Field(
-        None, gt=0, description="Lag in seconds, instead of the one in clusters; null for that one."
+        default=None,
+        gt=0,
+        description="Lag in seconds, instead of the one in clusters; null for that one.",
     )
     state_interval: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         description="0 for unique times: every time of a measurement is a state, as in the paper. "
         "Otherwise key times: states at most this far apart, seconds, such as 0.025, and each "
         "measurement between them at its own time, interpolated.",
     )
     relative_decrease: float = Field(
-        0.01,
+        default=0.01,
         gt=0,
         lt=1,
         description="Gauss-Newton of batch ends when the cost changes by less than this share.",
     )
-    iterations: int = Field(15, ge=1, description="Largest number of Gauss-Newton steps of batch.")
+    iterations: int = Field(
+        default=15, ge=1, description="Largest number of Gauss-Newton steps of batch."
+    )
     loss: Literal["none", "huber", "cauchy", "geman_mcclure"] = Field(
-        "none",
+        default="none",
         description="Loss of a measurement's error: none is least squares, as in the paper.",
     )
     loss_scale: float = Field(
-        3.0, gt=0, description="Error beyond which a loss lets go, standard deviations (norm)."
+        default=3.0,
+        gt=0,
+        description="Error beyond which a loss lets go, standard deviations (norm).",
     )
     gate: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         lt=1,
         description="Leave out new measurements whose Mahalanobis distance from their prediction "
         "is larger than that of this share of all inliers, such as 0.9999; 0 takes all.",
     )
     bridge: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         description="How long the velocity is kept where nothing measures it, seconds: later the "
         "camera is as likely to stand still, and after such a break the motion is estimated anew. "
         "0 keeps it for ever, as in the paper.",
     )
     covariance_interval: float = Field(
-        0.02, gt=0, description="Time between states whose joint covariance is kept, seconds."
+        default=0.02,
+        gt=0,
+        description="Time between states whose joint covariance is kept, seconds.",
     )
 
     @model_validator(mode="before")
@@ -462,7 +497,7 @@ class Configuration(StageConfig):
     """All stages, in the order of the flow."""
 
     preset: Literal["auto", "paper"] = Field(
-        "auto",
+        default="auto",
         description="Values of what is not given: auto for any camera and light, paper for those "
         "and the ways of the paper.",
     )
@@ -472,7 +507,7 @@ class Configuration(StageConfig):
     mc_ransac: McRansacConfig = McRansacConfig()
     noise: NoiseConfig = NoiseConfig()
     estimator: EstimatorConfig = EstimatorConfig()
-    seed: int = Field(0, ge=0, description="Seed of all random choices.")
+    seed: int = Field(default=0, ge=0, description="Seed of all random choices.")
 
     @model_validator(mode="before")
     @classmethod

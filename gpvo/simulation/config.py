@@ -19,25 +19,29 @@ Size = Annotated[int, Field(ge=1, le=65535)]
 class SimulationConfig(StageConfig):
     """A simulated stereo recording; the default is a handheld camera in a small room."""
 
-    seed: int = Field(0, ge=0, description="Seed of the scene, the motion and the sensors.")
-    motion: MotionName = Field("hand_held", description="How the camera moves.")
-    duration: float = Field(3.0, gt=0, description="Duration of the motion, seconds.")
-    resolution: tuple[Size, Size] = Field((346, 260), description="Width and height, pixels.")
-    focal_length: float = Field(226.0, gt=0, description="Of both cameras, pixels.")
-    baseline: float = Field(0.10, gt=0, description="Distance of the cameras, metres.")
-    boxes: int = Field(5, ge=0, description="Boxes in the room.")
+    seed: int = Field(default=0, ge=0, description="Seed of the scene, the motion and the sensors.")
+    motion: MotionName = Field(default="hand_held", description="How the camera moves.")
+    duration: float = Field(default=3.0, gt=0, description="Duration of the motion, seconds.")
+    resolution: tuple[Size, Size] = Field(
+        default=(346, 260), description="Width and height, pixels."
+    )
+    focal_length: float = Field(default=226.0, gt=0, description="Of both cameras, pixels.")
+    baseline: float = Field(default=0.10, gt=0, description="Distance of the cameras, metres.")
+    boxes: int = Field(default=5, ge=0, description="Boxes in the room.")
     threshold: float = Field(
-        0.25, gt=0, description="Change of log intensity that makes an event, both polarities."
+        default=0.25,
+        gt=0,
+        description="Change of log intensity that makes an event, both polarities.",
     )
     threshold_sigma: float = Field(
-        0.03, ge=0, description="Standard deviation of the threshold over the pixels."
+        default=0.03, ge=0, description="Standard deviation of the threshold over the pixels."
     )
     refractory_period: float = Field(
-        0.001, ge=0, description="How long a pixel is silent after an event, seconds."
+        default=0.001, ge=0, description="How long a pixel is silent after an event, seconds."
     )
-    noise_rate: float = Field(0.0, ge=0, description="Random events per pixel and second.")
+    noise_rate: float = Field(default=0.0, ge=0, description="Random events per pixel and second.")
     pixels_per_frame: float = Field(
-        0.5, gt=0, description="Image motion between rendered frames, pixels."
+        default=0.5, gt=0, description="Image motion between rendered frames, pixels."
     )
 
     @property
