@@ -111,16 +111,21 @@ def _are_poses(T: Array) -> bool:
     return True
 
 
-def checked_duration(dt: float) -> float:
+def checked_duration(dt: float, name: str = "dt") -> float:
     """Return a finite and positive duration in seconds."""
-    seconds = checked_number("dt", dt)
+    seconds = checked_number(name, dt)
     if seconds <= 0:
-        raise ValueError(f"dt must be positive seconds, not {dt}")
+        raise ValueError(f"{name} must be positive seconds, not {dt}")
     return seconds
 
 
 def power_spectral_density(qc: ArrayLike, n: int = 6) -> Array:
-    """Return the matrix (n, n) of a power spectral density given as its diagonal (n,) or whole.
+    """Return the matrix (n, n) of a power spectral density given as its diagonal (n,) or whole."""
+    return checked_positive_definite("qc", qc, n)
+
+
+def checked_positive_definite(name: str, given: ArrayLike, n: int) -> Array:
+    """Return a matrix (n, n) that is given whole or as its diagonal (n,).
 
     Raises
     ------
@@ -128,14 +133,13 @@ def power_spectral_density(qc: ArrayLike, n: int = 6) -> Array:
         If the shape is another one, a number is not finite, or the matrix is not symmetric and
         positive definite.
     """
-    array = checked_numbers("qc", qc)
+    array = checked_numbers(name, given)
     if not n or array.shape not in ((n,), (n, n)) or not np.isfinite(array).all():
-        raise ValueError(f"qc must be {n} or {n} x {n} finite numbers, not {array}")
+        raise ValueError(f"{name} must be {n} or {n} x {n} finite numbers, not {array}")
     matrix = np.diag(array) if array.ndim == 1 else array
-    if not np.allclose(matrix, matrix.T, rtol=1e-12, atol=0):
-        raise ValueError("qc must be symmetric")
-    if np.linalg.eigvalsh(matrix)[0] <= 0:
-        raise ValueError("qc must be positive definite")
+    symmetric = np.allclose(matrix, matrix.T, rtol=1e-12, atol=0)
+    if not (symmetric and np.linalg.eigvalsh(matrix)[0] > 0):
+        raise ValueError(f"{name} must be symmetric and positive definite, not {array}")
     return matrix
 
 

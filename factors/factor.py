@@ -22,6 +22,8 @@ Evaluate = Callable[[gtsam.Values, Any], Array]
 """Returns the error, and fills the Jacobians if there are any."""
 KeyFormatter = Callable[[SupportsInt | SupportsIndex], str]
 Number = SupportsFloat | SupportsIndex
+_LONGEST = 160
+"""Characters that are shown of one argument."""
 
 
 class Described:
@@ -199,6 +201,8 @@ def _own(value: Any) -> Any:
 
 def _is_shown(value: object) -> bool:
     """Tell what is not a key nor a noise model, which are printed by themselves."""
+    if isinstance(value, list):
+        return any(map(_is_shown, value))
     return value is not None and not isinstance(value, int | gtsam.noiseModel.Base)
 
 
@@ -212,7 +216,8 @@ def _text(value: object) -> str:
         return f"{value[-1]:.6f} s"
     if isinstance(value, list):
         return f"[{', '.join(map(_text, value))}]"
-    return " ".join(repr(value).split())
+    text = " ".join(repr(value).split())
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def _noise_text(model: Any) -> str:

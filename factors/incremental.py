@@ -11,6 +11,7 @@ from typing import Any
 
 import gtsam
 
+from factors.checks import checked_duration
 from factors.factor import check_values
 
 
@@ -93,10 +94,9 @@ def fixed_lag_smoother(lag: float, parameters: gtsam.ISAM2Params | None = None) 
     Raises
     ------
     ValueError
-        If the lag is not positive.
+        If the lag is not positive and finite.
     """
-    if not lag > 0:
-        raise ValueError(f"lag must be positive seconds, not {lag}")
+    lag = checked_duration(lag, "lag")
     parameters = isam2_parameters() if parameters is None else parameters
     return Incremental(gtsam.IncrementalFixedLagSmoother(lag, parameters))
 

@@ -87,11 +87,11 @@ def _decoded(value: Any) -> Any:
     if "tuple" in value:
         return tuple(_decoded(part) for part in value["tuple"])
     if "gtsam" in value:
-        kind: Any = reduce(getattr, value["gtsam"].split("."), gtsam)
+        kind: Any = reduce(getattr, value["gtsam"].split("."), gtsam.gtsam)
         found: Any = kind.__new__(kind)
         found.__setstate__((value["text"],))
         return found
-    if value["type"] not in factors.__all__:
-        raise ValueError(f"factors has no {value['type']}")
-    arguments = {name: _decoded(part) for name, part in value["with"].items()}
-    return getattr(factors, value["type"])(**arguments)
+    made: Any = getattr(factors, value["type"])
+    if not (isinstance(made, type) and (issubclass(made, Described) or is_dataclass(made))):
+        raise ValueError(f"factors makes no {value['type']}")
+    return made(**{name: _decoded(part) for name, part in value["with"].items()})

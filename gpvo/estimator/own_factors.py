@@ -9,6 +9,7 @@ import numpy as np
 from gtsam.symbol_shorthand import V, X
 
 from factors import InterpolatedFactor
+from factors.checks import checked_key, checked_number
 from factors.inner_factor import InnerFactor
 from gpvo.estimator.diagnostics import Diagnostic
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
@@ -23,6 +24,12 @@ class Waiting:
     factor: InnerFactor
     t: float | None
     velocity: int | None
+
+    def __post_init__(self) -> None:
+        if self.t is not None:
+            checked_number("t", self.t)
+        if self.velocity is not None:
+            checked_key("velocity", self.velocity)
 
     @property
     def name(self) -> str:

@@ -8,6 +8,7 @@ from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
 from factors import StatesBetween, StereoCamera, isam2_parameters
+from factors.checks import checked_key
 from factors.inner_factor import InnerFactor
 from factors.lie import se3_inverse
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
@@ -165,7 +166,7 @@ class FixedLagSmoother:
             If it is not in the window.
         """
         keys = [key for k in self.window[: self._solved] for key in (X(k), V(k))]
-        if key not in keys:
+        if checked_key("key", key) not in keys:
             raise ValueError(f"{gtsam.DefaultKeyFormatter(key)} is not in the window")
         place = keys.index(key)
         own = slice(6 * place, 6 * place + 6)

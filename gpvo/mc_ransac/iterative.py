@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from factors.checks import checked_vector
+from factors.checks import checked_positive_definite, checked_vector
 from factors.kernels.se3 import (
     LEFT,
     jacobian_coefficients_kernel,
@@ -19,7 +19,7 @@ from factors.lie import se3_exp, se3_left_jacobian, skew
 from factors.stereo import StereoCamera
 from gpvo.config import McRansacConfig
 from gpvo.mc_ransac.fast_kernels import move, moved_points
-from gpvo.mc_ransac.segments import Segments, are_inliers, information_matrix
+from gpvo.mc_ransac.segments import Segments, are_inliers
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,8 @@ def iterative_mc_ransac(
     ValueError
         If the information, the velocity or the inliers have another shape or are not finite.
     """
-    information, velocity = information_matrix(information), checked_vector("velocity", velocity, 6)
+    information = checked_positive_definite("information", information, 3)
+    velocity = checked_vector("velocity", velocity, 6)
     inliers = np.asarray(inliers)
     if inliers.dtype != bool or inliers.shape != (len(segments),):
         raise ValueError(f"inliers must be one truth value for each of {len(segments)} segments")

@@ -10,11 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from factors.checks import checked_positive_definite
 from factors.stereo import Camera, as_camera
 from gpvo.config import McRansacConfig
 from gpvo.mc_ransac.fast import fast_mc_ransac
 from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
-from gpvo.mc_ransac.segments import Segments, are_inliers, information_matrix
+from gpvo.mc_ransac.segments import Segments, are_inliers
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,8 @@ def mc_ransac(
         If the information is not symmetric and positive definite, or `rng` is neither a seed, an
         integer from 0, nor a generator.
     """
-    information, camera = information_matrix(information), as_camera(camera)
+    information = checked_positive_definite("information", information, 3)
+    camera = as_camera(camera)
     if len(segments) < config.sample_size:
         return None
     velocity = fast_mc_ransac(segments, camera, config, rng)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from factors.checks import checked_array
 from factors.stereo import StereoCamera
@@ -72,20 +72,3 @@ def inlier_tolerance(segments: Segments, config: McRansacConfig) -> Array:
     """
     length = np.linalg.norm(segments.later - segments.earlier, axis=1)
     return np.maximum(config.relative_threshold * length, config.pixel_threshold)
-
-
-def information_matrix(information: ArrayLike) -> Array:
-    """Return R^-1 (3, 3), given whole or as its diagonal (3,).
-
-    Raises
-    ------
-    ValueError
-        If it has another shape, or is not symmetric and positive definite.
-    """
-    given = np.asarray(information, np.float64)
-    matrix = np.diag(given) if given.shape == (3,) else given
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise ValueError(f"information must be 3 or 3 x 3 finite numbers, not {given}")
-    if not (np.array_equal(matrix, matrix.T) and np.linalg.eigvalsh(matrix)[0] > 0):
-        raise ValueError(f"information must be symmetric and positive definite, not {given}")
-    return matrix

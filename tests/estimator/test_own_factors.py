@@ -237,6 +237,17 @@ def test_a_factor_at_a_time_before_the_window_is_named() -> None:
     assert "the wheel has come off" in smoother.diagnostics[-1].reason
 
 
+def test_a_time_that_is_none_is_refused_at_once() -> None:
+    smoother, gps = in_enu(initial_state(), []), gps_at(0.01)
+    for wrong in ("soon", np.nan, [0.1]):
+        with pytest.raises(ValueError, match="t must be"):
+            smoother.add(gps, t=wrong)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="velocity must be a key"):
+        smoother.add(gps, t=0.1, velocity=-1)
+    with pytest.raises(ValueError, match="key must be a key"):
+        smoother.marginalCovariance("x0")  # type: ignore[arg-type]
+
+
 def test_the_smoother_tells_what_it_knows() -> None:
     smoother = in_enu(initial_state(), [0.2, 0.4])
     values, newest = smoother.calculateEstimate(), smoother.window[-1]

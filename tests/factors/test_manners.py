@@ -214,6 +214,12 @@ def test_print_names_type_keys_arguments_and_noise(
     assert "np.float64" not in repr(factor)
 
 
+def test_keys_are_shown_by_their_names_and_long_texts_cut() -> None:
+    factor = LinearStatesFactor([X(0), V(0)], np.eye(4)[None], np.zeros((1, 6)), np.ones((2, 13)))
+    assert str(X(0)) not in repr(factor)
+    assert all(len(repr(make())) < 600 for make in FACTORS.values())
+
+
 def test_robust_noise_is_named_in_one_line() -> None:
     noise = gtsam.noiseModel.Robust.Create(
         gtsam.noiseModel.mEstimator.Huber(1.3), gtsam.noiseModel.Isotropic.Sigma(3, 0.5)

@@ -80,8 +80,10 @@ def test_what_cannot_be_saved_is_named() -> None:
         {"factors": [{"type": "system", "with": {}}]},
         {"factors": [{"type": "WnoaPriorFactor", "with": {"dt": 1.0}}]},
         {"factors": [{"gtsam": "no.such", "text": ""}]},
+        {"factors": [{"gtsam": "os.system", "text": "true"}]},
+        {"factors": [{"type": "optimize", "with": {"graph": None, "values": None}}]},
     ],
 )
 def test_other_descriptions_are_refused(description: Any) -> None:
-    with pytest.raises(ValueError, match=r"description|factors has no"):
+    with pytest.raises(ValueError, match=r"description|factors makes no"):
         from_dict(description)

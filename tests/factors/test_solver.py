@@ -244,3 +244,5 @@ def test_a_held_solver_copies_no_values_and_is_freed() -> None:
     assert gone() is None
     with pytest.raises(ValueError, match="lag"):
         fixed_lag_smoother(0.0)
+    with pytest.raises(ValueError, match="lag"):
+        fixed_lag_smoother("a second")  # type: ignore[arg-type]

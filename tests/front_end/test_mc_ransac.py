@@ -351,6 +351,7 @@ def test_bad_input_is_refused_by_name() -> None:
         ("later", lambda: Segments(three, three * np.inf, good.dt)),
         ("information", lambda: mc_ransac(good, CAMERA, [1, 1], CONFIG, 0)),
         ("information", lambda: mc_ransac(good, CAMERA, [1, 1, -1], CONFIG, 0)),
+        ("information", lambda: mc_ransac(good, CAMERA, "high", CONFIG, 0)),  # type: ignore[arg-type]
         ("information", lambda: mc_ransac(good, CAMERA, np.eye(6), CONFIG, 0)),
         ("segments", lambda: fast_mc_ransac(good[:2], CAMERA, CONFIG, 0)),
         ("rng", lambda: mc_ransac(good, CAMERA, INFORMATION, CONFIG, -1)),
