@@ -44,6 +44,8 @@ from gpvo.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 SOLVED_AGAIN = "indeterminate: the window was solved again"
+GUESSED_STEPS = 4
+"""More Gauss-Newton steps of an update where some of the motion is guessed, and may be far off."""
 LEFT_OUT = "indeterminate: all measurements in the window were left out"
 
 
@@ -454,9 +456,11 @@ class FixedLagSmoother:
         self._factors = active | {newest: active.get(newest, []) + update.factors}
         self._smoother.setSmootherLag(newest - self._leave_before + SAME_TIME)
         self._smoother.update(update.graph, update.values, update.stamps, update.removed)
+        self._landmarks.updated(self._smoother.getISAM2Result().getNewFactorsIndices())
+        for _ in range(GUESSED_STEPS if self._reckoning.in_window else 0):
+            self._smoother.update()
         left, estimate = self._leaving, self._smoother.calculateEstimate()
         keys = states_of(estimate, self.window[left:], self._keys.t[left:])
-        self._landmarks.updated(self._smoother.getISAM2Result().getNewFactorsIndices())
         self._let_go(keys)
 
     def _let_go(self, newest: States) -> None:

@@ -78,12 +78,17 @@ def warp(camera: StereoCamera, T_start_cam: Array, sights: Sights) -> Array:
     return np.where(plausible[:, None, None], warps, np.eye(2))
 
 
+def points_in_start(camera: StereoCamera, sights: Sights) -> Array:
+    """Points (N, 3) of landmarks in the frame of which `T_start_cam` are poses."""
+    return _points(camera, sights.T_start_cam, sights)
+
+
 def _since(T_start_cam: Array, sights: Sights) -> Array:
     """Poses (N, 4, 4) of the cameras of then in the one of now."""
     return se3_inverse(T_start_cam) @ sights.T_start_cam
 
 
-def _points(camera: StereoCamera, T_now_then: Array, sights: Sights) -> Array:
-    """Points (N, 3) of landmarks in the camera frame of now."""
+def _points(camera: StereoCamera, T: Array, sights: Sights) -> Array:
+    """Points (N, 3) of landmarks in the frame in which T (N, 4, 4) are the cameras' poses."""
     then = camera.triangulate(np.column_stack([sights.point, sights.disparity]))
-    return np.einsum("nij,nj->ni", T_now_then[:, :3, :3], then) + T_now_then[:, :3, 3]
+    return np.einsum("nij,nj->ni", T[:, :3, :3], then) + T[:, :3, 3]

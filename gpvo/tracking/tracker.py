@@ -69,7 +69,7 @@ class MultiResolutionTracker:
     def track(self, cluster: StereoCluster) -> Observations:
         """Return the observations that a new cluster adds."""
         self.motion.advance(0.5 * (cluster.start + cluster.stop))
-        parts = [tracker.track(cluster, self.motion.T_start_cam) for tracker in self._trackers]
+        parts = [tracker.track(cluster, self.motion) for tracker in self._trackers]
         return Observations.concatenate(
             replace(found, landmark=found.landmark * len(parts) + index)
             for index, found in enumerate(parts)
@@ -100,11 +100,9 @@ class _ResolutionTracker:
             config.compensation, config.earlier_frames + 1, side
         )
 
-    def track(self, cluster: StereoCluster, T_start_cam: NDArray[np.float64]) -> Observations:
+    def track(self, cluster: StereoCluster, motion: EgoMotion) -> Observations:
         """Return the observations that a new cluster adds, full-resolution pixels."""
-        if isinstance(self._tracker, KltTracker):
-            self._tracker.T_start_cam = T_start_cam
-        seen = self._tracker.track(*self._images(cluster))
+        seen = self._seen(self._images(cluster), motion)
         if self._image == "motion_compensated":
             seen = self._compensation.timed(seen)
         return replace(
@@ -112,6 +110,16 @@ class _ResolutionTracker:
             left=to_full_resolution(seen.left, self._side),
             right=to_full_resolution(seen.right, self._side),
         )
+
+    def _seen(self, images: StereoImage, motion: EgoMotion) -> Observations:
+        """Track features at a pose, which may be found anew."""
+        if not isinstance(self._tracker, KltTracker):
+            return self._tracker.track(*images)
+        self._tracker.T_start_cam = motion.T_start_cam
+        seen = self._tracker.track(*images)
+        if self._tracker.T_start_cam is not motion.T_start_cam:
+            motion.relocate(self._tracker.T_start_cam)
+        return seen
 
     def limit_features(self, share: float) -> None:
         """Look for a share of the configured features."""

@@ -205,12 +205,6 @@ def test_a_cluster_without_events_is_no_error(tracker: str, blank: int) -> None:
     assert len(np.unique(seen.frame)) == FRAMES - 1
 
 
-def test_landmarks_come_back_after_a_blank_frame() -> None:
-    seen = track("klt", "side", (1,), 2)
-    before, after = (set(seen.landmark[seen.frame == frame]) for frame in (1, 3))
-    assert len(before & after) > 0.5 * len(before) > 20
-
-
 def test_landmarks_do_not_come_back_in_another_scene() -> None:
     """A few of their patches match there by chance."""
     tracking = MultiResolutionTracker(configuration("klt", resolutions=(1,)))

@@ -87,6 +87,22 @@ def match_anchors_kernel(
 
 
 @njit(cache=True, nogil=True)
+def warp_patches_kernel(
+    patches: Patches, places: Array, inverse_warps: Array, side: int
+) -> NDArray[np.float32]:
+    """Sample kept patches (N, side, side) around places (N, 2) in them under their warps."""
+    width = side + 3
+    warped = np.empty((len(patches), side, side), np.float32)
+    samples = np.zeros((side + 3) * width + 2, np.float32)
+    for i in range(len(patches)):
+        warp_kernel(patches[i], places[i], inverse_warps[i], side, width, samples)
+        for row in range(side):
+            start = (row + 1) * width + 1
+            warped[i, row] = samples[start : start + side]
+    return warped
+
+
+@njit(cache=True, nogil=True)
 def warp_kernel(
     patch: NDArray[np.uint8], place: Array, inverse: Array, side: int, width: int, samples: Row
 ) -> None:

@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 
 from gpvo.array_table import ArrayTable
 from gpvo.second_thread import in_halves
-from gpvo.tracking.klt.anchor_kernels import cut_patches_kernel, match_anchors_kernel
+from gpvo.tracking.klt.anchor_kernels import (
+    cut_patches_kernel,
+    match_anchors_kernel,
+    warp_patches_kernel,
+)
 from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid
 from gpvo.tracking.sights import Sights
 
@@ -53,7 +57,7 @@ def match_anchors(
     points in the image (N, 2), and the correlation (N,) of the warped patches with the image there,
     -1 for those that are not found.
     """
-    places = anchors.sights.point - _pixels(anchors.sights.point) + anchors.patch.shape[1] // 2
+    places = _places(anchors)
     ends, alike = guess.astype(np.float32), np.full(len(guess), -1.0)
     inverse = np.linalg.inv(warps)
 
@@ -70,6 +74,17 @@ def match_anchors(
 
     in_halves(match, len(guess))
     return ends, alike
+
+
+def warped_patches(anchors: Anchors, warps: Array, side: int) -> NDArray[np.float32]:
+    """Return the patches (N, side, side) of anchors under their warps (N, 2, 2)."""
+    return warp_patches_kernel(anchors.patch, _places(anchors), np.linalg.inv(warps), side)
+
+
+def _places(anchors: Anchors) -> Array:
+    """Return where landmarks (N, 2) are in their patches, pixels from the first one."""
+    point = anchors.sights.point
+    return point - _pixels(point) + anchors.patch.shape[1] // 2
 
 
 def _pixels(points: NDArray[np.floating]) -> NDArray[np.int64]:

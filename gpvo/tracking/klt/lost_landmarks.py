@@ -42,11 +42,14 @@ class LastSights(ArrayTable):
 
 
 class LostLandmarks:
-    """The landmarks that were lost last, `size` at most; none if the camera is unknown."""
+    """The landmarks that were lost last, `size` at most; none if the camera is unknown.
+
+    `last` are their last sights.
+    """
 
     def __init__(self, size: int, camera: StereoCamera | None) -> None:
         self._size, self._camera = size if camera is not None else 0, camera
-        self._last: LastSights | None = None
+        self.last: LastSights | None = None
         self._first_new: deque[int] = deque(maxlen=FRAMES)
 
     def follow(self, previous: Frame, frame: Frame, new: int) -> None:
@@ -61,10 +64,10 @@ class LostLandmarks:
         lost &= previous.landmark < self._first_new[0]
         last = previous.select(lost)
         all_lost = LastSights(last.landmark, last.sights, last.anchors)
-        if self._last is not None:
-            found = np.isin(self._last.landmark, frame.landmark)
-            all_lost = LastSights.concatenate([self._last[~found], all_lost])
-        self._last = all_lost[max(len(all_lost) - self._size, 0) :]
+        if self.last is not None:
+            found = np.isin(self.last.landmark, frame.landmark)
+            all_lost = LastSights.concatenate([self.last[~found], all_lost])
+        self.last = all_lost[max(len(all_lost) - self._size, 0) :]
 
     def in_view(self, frame: Frame, spacing: float) -> tuple[LastSights, Array] | None:
         """Return landmarks that the motion takes into a frame, and where, (u_left, v, disparity).
@@ -72,18 +75,20 @@ class LostLandmarks:
         Those nearer to the frame's own landmarks than the spacing are left out. None if there are
         no others.
         """
-        if self._camera is None or self._last is None:
+        if self._camera is None or self.last is None:
             return None
-        there = predict(self._camera, frame.T_start_cam, self._last.sights)
+        there = predict(self._camera, frame.T_start_cam, self.last.sights)
         height, width = frame.left_image.image.shape
         last = np.array([width, height]) - 1.0 - MARGIN
         inside = np.all((there[:, :2] >= MARGIN) & (there[:, :2] <= last), axis=1)  # not if NaN
         index = np.flatnonzero(inside)
-        index = index[~_are_near(there[index, :2], frame.left, spacing)]
-        return (self._last[index], there[index]) if len(index) else None
+        index = index[~are_near(there[index, :2], frame.left, spacing)]
+        return (self.last[index], there[index]) if len(index) else None
 
 
-def _are_near(points: Array, others: NDArray[np.float32], distance: float) -> NDArray[np.bool_]:
+def are_near(
+    points: Array | NDArray[np.float32], others: NDArray[np.float32], distance: float
+) -> NDArray[np.bool_]:
     """Tell which points (N, 2) have another one (M, 2) within a distance."""
     apart = np.linalg.norm(points[:, None] - others[None], axis=2)
     return np.asarray(apart.min(axis=1, initial=np.inf) < distance)

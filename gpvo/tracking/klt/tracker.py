@@ -20,9 +20,10 @@ from gpvo.second_thread import both
 from gpvo.tracking.features import extrema, smooth, strongest_spaced
 from gpvo.tracking.klt.anchors import Anchors, match_anchors
 from gpvo.tracking.klt.frame import Frame
-from gpvo.tracking.klt.lost_landmarks import LostLandmarks
+from gpvo.tracking.klt.lost_landmarks import LostLandmarks, are_near
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
+from gpvo.tracking.klt.relocation import refined_pose, relocated_pose
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.report import TrackingReport
 from gpvo.tracking.sights import predict, warp
@@ -33,8 +34,12 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-LEAST_AGAIN = 0.25
-"""Least share of the landmarks that come back after a gap: those of fewer are chance matches."""
+FEW = 30
+"""Number of features below which there is nothing to be known again."""
+RELOCATED = 10
+"""Number of frames with features after that in which lost landmarks are searched anywhere."""
+REFINEMENTS = 3
+"""Times that they are searched where a pose has them, which is refined by those that are found."""
 LEAST_DRIFTED = 5
 """Least number of landmarks found again that tell by how much the motion has drifted."""
 NO_DRIFT = 1.0
@@ -50,7 +55,7 @@ class KltTracker:
         Share of the configured features that is looked for, from 0 to 1.
     T_start_cam
         (4, 4) pose of the frame that comes next, by the motion so far. Patches are warped by it, if
-        the camera (in pixels of this resolution) is known.
+        the camera (in pixels of this resolution) is known. After a gap it is found anew.
     report
         What became of the features of the latest frame.
     """
@@ -59,7 +64,7 @@ class KltTracker:
         self._config, self._features, self._camera = config.klt, config.features, camera
         self._previous: Frame | None = None
         self._lost = LostLandmarks(self._config.lost_landmarks, camera)
-        self._blank = False
+        self._relocations = 0
         self._frame_count = 0
         self._landmark_count = 0
         self.report = TrackingReport(0, 0, 0, 0)
@@ -71,16 +76,15 @@ class KltTracker:
         frame = Frame.without_landmarks(*images, self.T_start_cam)
         known = 0 if self._previous is None else len(self._previous.landmark)
         followed, first_new = self._anchor(self._follow(frame)), self._landmark_count
+        if self._has_lost_track(followed):
+            followed = self._relocated(followed)
         seen = self._with_found_again(followed)
         features = self._detect(seen)
         new = self._in_stereo(features, seen)
         self.report = TrackingReport(len(features), len(new.left), known, len(followed.left))
         frame = seen.joined(new)
-        if len(frame.landmark) or self._previous is None:
-            self._lost.follow(self._previous or frame, frame, first_new)
-            self._previous, self._blank = frame, False
-        else:
-            self._blank = True  # nothing was to be seen, and the same landmarks may come back
+        self._lost.follow(self._previous or frame, frame, first_new)
+        self._previous, self.T_start_cam = frame, frame.T_start_cam
         self._frame_count += 1
         return Observations(
             frame.landmark,
@@ -110,8 +114,6 @@ class KltTracker:
         closed = np.linalg.norm(end - previous.left, axis=1) < self._config.closure_tolerance
         same = found & found_right & found_back & found_end & closed
         same &= self._is_stereo(frame, left, right)
-        if self._blank and same.sum() < LEAST_AGAIN * len(same):
-            return frame
         seen = frame.with_landmarks(previous.landmark, left, right, previous.anchors)
         return seen.select(same)
 
@@ -141,6 +143,31 @@ class KltTracker:
         seen, changed = seen.select(known & near), frame.select(~known)
         seen = seen.joined(frame.anchored(changed.landmark, changed.left, changed.right))
         return seen.select(self._is_stereo(frame, seen.left, seen.right))
+
+    def _has_lost_track(self, followed: Frame) -> bool:
+        """Tell whether the landmarks of some frames ago are to be searched anywhere."""
+        known = 0 if self._previous is None else len(self._previous.landmark)
+        if self._previous is not None and known and not len(followed.landmark):
+            self._lost.follow(self._previous, followed, self._landmark_count)
+            self._previous, self._relocations = followed, RELOCATED
+        return self._relocations > 0
+
+    def _relocated(self, frame: Frame) -> Frame:
+        """Find lost landmarks wherever they are now, and the pose with them."""
+        features, lost = frame.joined(self._in_stereo(self._detect(frame), frame)), self._lost.last
+        if self._camera is None or lost is None or len(features.landmark) < FEW:
+            return frame
+        self._relocations -= 1
+        T = relocated_pose(self._camera, features, lost, self._config.anchor_correlation)
+        for _ in range(REFINEMENTS):
+            if T is None:
+                return frame
+            empty = Frame.without_landmarks(frame.left_image, frame.right_image, T)
+            again = self._with_found_again(empty)
+            T = refined_pose(self._camera, again, lost)
+        self._relocations = 0
+        other = frame.select(~are_near(frame.left, again.left, self._config.spacing))
+        return again.joined(again.anchored(other.landmark, other.left, other.right))
 
     def _with_found_again(self, frame: Frame) -> Frame:
         """Add landmarks that were lost, where the motion brings them back into view."""
