@@ -106,7 +106,7 @@ class InterpolatedStereoFactor(Factor):
     ------
     ValueError
         If the times are out of order, the measurement is not three finite numbers, the disparity is
-        not positive, or the noise model has another dimension; and see `Factor`.
+        not positive, or the noise model has another dimension or is Constrained; and see `Factor`.
     """
 
     measured: Array

@@ -68,7 +68,7 @@ def _encoded(value: Any) -> Any:
         named = {field.name: getattr(value, field.name) for field in fields(value)}
         return {"type": type(value).__name__, "with": _encoded_items(named)}
     name = f"{type(value).__module__}.{type(value).__qualname__}"
-    if name.startswith(_GTSAM) and hasattr(value, "serialize"):
+    if name.startswith(_GTSAM) and "serialize" in vars(type(value)):
         return {"gtsam": name.removeprefix(_GTSAM), "text": value.serialize()}
     raise ValueError(f"{name} has no description")
 
@@ -88,6 +88,8 @@ def _decoded(value: Any) -> Any:
         return tuple(_decoded(part) for part in value["tuple"])
     if "gtsam" in value:
         kind: Any = reduce(getattr, value["gtsam"].split("."), gtsam.gtsam)
+        if "__setstate__" not in vars(kind):  # that of another class would end the process
+            raise ValueError(f"GTSAM makes no {value['gtsam']} of a text")
         found: Any = kind.__new__(kind)
         found.__setstate__((value["text"],))
         return found

@@ -14,7 +14,7 @@ from factors.checks import (
     Pose,
     checked_finite_noise,
     checked_key,
-    checked_noise,
+    checked_number,
     checked_numbers,
     checked_pose,
     checked_vector,
@@ -47,11 +47,11 @@ class StereoCamera:
     baseline: float
 
     def __post_init__(self) -> None:
-        for name in ("fx", "fy", "baseline"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
-        if not np.isfinite([self.cx, self.cy]).all():
-            raise ValueError(f"cx and cy must be finite, not {self.cx} and {self.cy}")
+        for name, value in vars(self).items():
+            number = checked_number(name, value)
+            if name not in ("cx", "cy") and number <= 0:
+                raise ValueError(f"{name} must be positive, not {value}")
+            object.__setattr__(self, name, number)
 
     @classmethod
     def from_gtsam(cls, calibration: gtsam.Cal3_S2Stereo) -> StereoCamera:
@@ -174,9 +174,10 @@ def stereo_measurement(
 ) -> tuple[Array, gtsam.noiseModel.Base]:
     """Check a measurement and its noise model; return it as (u_left, v, disparity), (3,).
 
-    The noise of a gtsam.StereoPoint2 is that of (u_left, u_right, v), and is converted.
+    The noise of a gtsam.StereoPoint2 is that of (u_left, u_right, v), and is converted. It must not
+    be Constrained: behind the camera the Jacobian is zero, and GTSAM can end the process for that.
     """
-    checked_noise(model, 3)
+    checked_finite_noise(model, 3)
     if not isinstance(measured, gtsam.StereoPoint2):
         return checked_measurement(measured), model
     u_left, u_right, v = measured.uL(), measured.uR(), measured.v()
@@ -197,14 +198,7 @@ def stereo_measurements(
     maxsize=256
 )  # factors share their noise models, and making one takes longer than a factor
 def _mixed_noise(model: gtsam.noiseModel.Base, to_gtsam: bool) -> gtsam.noiseModel.Base:
-    """Return the noise of GTSAM's measurement from that of ours, or the other way round.
-
-    Raises
-    ------
-    ValueError
-        If the model is Constrained.
-    """
-    checked_finite_noise(model, 3)
+    """Return the noise of GTSAM's measurement from that of ours, or the other way round."""
     if isinstance(model, gtsam.noiseModel.Robust):
         return gtsam.noiseModel.Robust.Create(model.robust(), _mixed_noise(model.noise(), to_gtsam))
     root = model.Whiten(np.eye(3))

@@ -43,7 +43,7 @@ def prior_square_root_information(
     order: int, dt: float, qc: ArrayLike, dimension: int = 6
 ) -> Array:
     """Compute S (order n, order n) with SᵀS the inverse of `prior_covariance`, in closed form."""
-    return kronecker(information_root(checked_duration(dt), order), whitening(qc, dimension))
+    return kronecker(_root(order, dt), whitening(qc, dimension))
 
 
 def prior_covariance(order: int, dt: float, qc: ArrayLike, dimension: int = 6) -> Array:
@@ -51,9 +51,21 @@ def prior_covariance(order: int, dt: float, qc: ArrayLike, dimension: int = 6) -
 
     `order` is 2 for WNOA and 3 for WNOJ; `qc` the power spectral density, (n,) or (n, n), of the
     white noise, with n = `dimension`.
+
+    Raises
+    ------
+    ValueError
+        If the order is another one, dt is not positive or qc is not positive definite.
     """
-    root = np.linalg.inv(information_root(checked_duration(dt), order))
+    root = np.linalg.inv(_root(order, dt))
     return kronecker(root @ root.T, power_spectral_density(qc, dimension))
+
+
+def _root(order: int, dt: float) -> Array:
+    """Compute the `information_root` of one checked duration."""
+    if order not in (2, 3):
+        raise ValueError(f"order must be 2, of WNOA, or 3, of WNOJ, not {order}")
+    return information_root(checked_duration(dt), order)
 
 
 def wnoa_covariance(dt: float, qc: ArrayLike) -> Array:

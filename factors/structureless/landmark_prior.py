@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.structureless.prior_kernels import moved_rows_kernel
 
@@ -31,6 +32,11 @@ class LandmarkPrior:
         R (P, 3, 3), and C, A and e beside each other, (P, 3, d + 12 + 1).
     T_world_cam, velocity
         (4, 4) and (6,) state that dx is counted from: pose perturbed on the right, then twist.
+
+    Raises
+    ------
+    ValueError
+        If one has another shape or is not finite, or the identities do not increase.
     """
 
     number: NDArray[np.int64]
@@ -39,6 +45,24 @@ class LandmarkPrior:
     rows: Array
     T_world_cam: Array
     velocity: Array
+
+    def __post_init__(self) -> None:
+        number = checked_array("number", self.number, ())
+        if number.ndim != 1 or (number % 1).any() or (np.diff(number) <= 0).any():
+            raise ValueError("number must be increasing integers, (P,)")
+        count, columns = len(number), np.shape(self.rows)[-1] if np.ndim(self.rows) else 0
+        object.__setattr__(self, "number", number.astype(np.int64))
+        for name, shape in (
+            ("seen", (count, 3)),
+            ("root", (count, 3, 3)),
+            ("rows", (count, 3, max(columns, 13))),
+            ("T_world_cam", (4, 4)),
+            ("velocity", (6,)),
+        ):
+            array = checked_array(name, getattr(self, name), shape)
+            if array.ndim != len(shape):
+                raise ValueError(f"{name} must have the shape {shape}, not {array.shape}")
+            object.__setattr__(self, name, array)
 
     @staticmethod
     def none() -> LandmarkPrior:

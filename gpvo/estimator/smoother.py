@@ -7,10 +7,11 @@ import numpy as np
 from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
-from factors import StatesBetween, StereoCamera, isam2_parameters
+from factors import StatesBetween, isam2_parameters
 from factors.checks import checked_key
 from factors.inner_factor import InnerFactor
 from factors.lie import se3_inverse
+from factors.stereo import Camera, as_camera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.blas_threads import one_blas_thread
 from gpvo.estimator.dead_reckoning import DeadReckoning
@@ -66,7 +67,7 @@ class FixedLagSmoother:
     Parameters
     ----------
     camera
-        Intrinsics of the rectified pair.
+        Intrinsics of the rectified pair; or gtsam.Cal3_S2Stereo.
     noise, config
         By default those of the paper, and a window of clusters' ends.
     initial
@@ -76,14 +77,14 @@ class FixedLagSmoother:
 
     def __init__(
         self,
-        camera: StereoCamera,
+        camera: Camera,
         noise: NoiseConfig | None = None,
         config: EstimatorConfig | None = None,
         initial: InitialState | None = None,
     ) -> None:
         self.diagnostics: list[Diagnostic] = []
         self._config = config or EstimatorConfig()
-        self._build = GraphBuilder(camera, noise or NoiseConfig(), self._config)
+        self._build = GraphBuilder(as_camera(camera), noise or NoiseConfig(), self._config)
         self._initial = initial or InitialState.at_origin(self._build.noise)
         self._has_world = initial is not None
         self._motion = MotionNoise(self._build.qc, self._build.noise.motion_memory)

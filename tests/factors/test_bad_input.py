@@ -14,6 +14,7 @@ from gtsam.symbol_shorthand import L, V, X
 from factors import (
     EuclideanVelocityFactor,
     InterpolatedStereoFactor,
+    LandmarkPrior,
     ReprojectionVelocityFactor,
     StereoCamera,
     StereoReprojectionFactor,
@@ -21,6 +22,8 @@ from factors import (
     WnoaPriorFactor,
     extrapolate,
     interpolate,
+    prior_covariance,
+    prior_square_root_information,
     wnoa_covariance,
 )
 from factors.lie import se3_inverse, se3_log
@@ -69,7 +72,23 @@ def query(t: Any = 0.05, t_j: Any = 0.1, v_i: Any = (0,) * 6, **covariance: Any)
     return interpolate(np.eye(4), v_i, np.eye(4), np.zeros(6), 0.0, t_j, t, **covariance)
 
 
+def known(**changed: Any) -> object:
+    """What is known of one landmark, with something wrong."""
+    given = {"number": [3], "seen": np.ones((1, 3)), "root": np.ones((1, 3, 3))}
+    given |= {"rows": np.ones((1, 3, 13)), "T_world_cam": np.eye(4), "velocity": np.zeros(6)}
+    return LandmarkPrior(**{**given, **changed})
+
+
 CASES: list[tuple[str, Callable[[], object]]] = [
+    ("number", lambda: known(number=[0.5])),
+    ("seen", lambda: known(number=[1, 2])),
+    ("root", lambda: known(root=np.ones((1, 3, 2)))),
+    ("rows", lambda: known(rows=np.ones((1, 3, 12)))),
+    ("velocity", lambda: known(velocity=np.full(6, np.nan))),
+    ("order", lambda: prior_covariance(4, 0.1, QC)),
+    ("order", lambda: prior_square_root_information(1, 0.1, QC)),
+    ("fx", lambda: StereoCamera("wide", 200, 160, 120, 0.1)),  # type: ignore[arg-type]
+    ("baseline", lambda: StereoCamera(200, 200, 160, 120, 0.0)),
     ("dt", lambda: prior(dt=0.0)),
     ("dt", lambda: prior(dt=-1e-6)),
     ("dt", lambda: prior(dt=np.nan)),
@@ -121,6 +140,7 @@ CASES: list[tuple[str, Callable[[], object]]] = [
     ("camera", lambda: stereo(camera=5)),
     ("skew", lambda: stereo(camera=gtsam.Cal3_S2Stereo(1, 1, 0.1, 0, 0, 0.1))),
     ("Constrained", lambda: stereo(model=gtsam.noiseModel.Constrained.All(3))),
+    ("Constrained", lambda: between(model=gtsam.noiseModel.Constrained.All(3))),
     ("Constrained", lambda: tracklet(gtsam.noiseModel.Constrained.All(3))),
     ("Constrained", lambda: tracklet(robust(gtsam.noiseModel.Constrained.All(3)))),
     ("states", lambda: tracklet(states=[(X(0), V(0)), (X(1), V(1), 0.1)])),
