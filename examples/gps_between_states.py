@@ -92,10 +92,11 @@ def save_plot(path: Path, t: Array, errors: Array, sigmas: Array) -> None:
     for axes, error, sigma, name in zip(
         figure.subplots(3, sharex=True), errors.T, sigmas.T, ("east", "north", "up"), strict=True
     ):
-        axes.fill_between(t, -3 * sigma, 3 * sigma, alpha=0.25)
-        axes.plot(t, error)
+        axes.fill_between(t, -3 * sigma, 3 * sigma, alpha=0.25, label="3 standard deviations")
+        axes.plot(t, error, label="error")
         axes.set_ylabel(f"{name} (m)")
     axes.set_xlabel("time (s)")
+    axes.legend(frameon=False, loc="upper center", ncols=2)
     figure.savefig(path, dpi=120)
 
 

@@ -140,6 +140,23 @@ def test_errors_of_vectors_of_one_axis_agree(prior: Any) -> None:
     np.testing.assert_allclose(make(prior, dt).error(values), line.error(lines), rtol=1e-10)
 
 
+@pytest.mark.parametrize("turn", [1e-3, 1e-4, 1e-5, 1e-7, 1e-9])
+def test_small_turns_of_pose2_by_their_power_series(turn: float) -> None:
+    """Where the formulas of SE(2) divide by the turn, and GTSAM is wrong by up to 0.03."""
+    keys, dt, values = [X(0), V(0), X(1), V(1)], 0.1, gtsam.Values()
+    x, y, v_i, v_j = 1.3, -0.7, np.array([0.3, 1.1, -0.8]), np.array([-0.4, 0.9, 1.7])
+    for key, value in zip(keys, (gtsam.Pose2(), v_i, gtsam.Pose2(x, y, turn), v_j), strict=True):
+        values.insert(key, value)
+    a, b = 1 - turn**2 / 12, turn / 2
+    xi = np.array([a * x + b * y, a * y - b * x, turn])
+    ad = np.array([[0, -turn, xi[1]], [turn, 0, -xi[0]], [0, 0, 0]])
+    w = v_j + ad @ v_j / 2 + ad @ ad @ v_j / 12 - ad @ ad @ ad @ ad @ v_j / 720
+    expected = np.r_[xi - dt * v_i, w - v_i]
+    S = prior_square_root_information(2, dt, np.ones(3), 3)
+    found = np.linalg.solve(S, WnoaPriorFactorPose2(*keys, dt, np.ones(3)).unwhitenedError(values))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+
+
 @pytest.mark.parametrize("size", [1, 2, 3, 4])
 @pytest.mark.parametrize("dt", [1e-6, 0.2])
 def test_vectors_of_any_size_by_hand(size: int, dt: float) -> None:
