@@ -1,5 +1,14 @@
-"""`python -m gpvo` is `gpvo`."""
+"""`gpvo` and `python -m gpvo`: signals are handled before anything that takes time is imported."""
 
-from gpvo.commands.cli import main
+from gpvo.commands.interruption import end_at_once
 
-main()
+
+def main() -> None:
+    """Run the command line; see `gpvo.commands.cli.main`."""
+    with end_at_once():
+        from gpvo.commands.cli import main as command_line
+    command_line()
+
+
+if __name__ == "__main__":
+    main()

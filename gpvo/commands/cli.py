@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from importlib import import_module
 from typing import Annotated, Any, NamedTuple
@@ -10,7 +9,7 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from gpvo.commands.interruption import INTERRUPTED, TERMINATED, end_at_once
+from gpvo.commands.interruption import end_at_once, say_end, signals_to
 from gpvo.errors import InputError, OutputError
 
 BAD_INPUT = 2
@@ -150,25 +149,21 @@ def _options(
     """Continuous-time visual odometry for stereo event cameras."""
 
 
-def _terminated(*_: object) -> None:
-    print("gpvo: terminated; nothing was saved", file=sys.stderr)
-    sys.exit(TERMINATED)
+def _end(number: int, _: object) -> None:
+    sys.exit(say_end(number))
 
 
 def main() -> None:
     """Run the command line; bad input gives one line on stderr and exit status 2.
 
-    Results that cannot be written give exit status 4, Ctrl-C 130.
+    Results that cannot be written give exit status 4, Ctrl-C 130, SIGTERM 143.
     """
-    signal.signal(signal.SIGTERM, _terminated)
     try:
-        app()
+        with signals_to(_end):
+            app(prog_name="gpvo")
     except InputError as error:
         print(f"gpvo: {error}", file=sys.stderr)
         sys.exit(BAD_INPUT)
     except OutputError as error:
         print(f"gpvo: {error}", file=sys.stderr)
         sys.exit(NOT_WRITTEN)
-    except KeyboardInterrupt:
-        print("gpvo: interrupted; nothing was saved", file=sys.stderr)
-        sys.exit(INTERRUPTED)

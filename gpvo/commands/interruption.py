@@ -10,8 +10,8 @@ from contextlib import AbstractContextManager, contextmanager
 from threading import current_thread, main_thread
 
 Handler = Callable[[int, object], None]
-INTERRUPTED, TERMINATED = 128 + signal.SIGINT, 128 + signal.SIGTERM
-"""Exit status after Ctrl-C, and after SIGTERM."""
+TERMINATED = 128 + signal.SIGTERM
+"""Exit status after SIGTERM."""
 
 
 class Interruption:
@@ -43,11 +43,16 @@ def end_at_once() -> AbstractContextManager[None]:
     """
 
     def end(number: int, _: object) -> None:
-        what = "interrupted" if number == signal.SIGINT else "terminated"
-        print(f"gpvo: {what}; nothing was saved", file=sys.stderr, flush=True)
-        os._exit(128 + number)
+        os._exit(say_end(number))
 
     return signals_to(end)
+
+
+def say_end(number: int) -> int:
+    """Say that a signal ended the program before there were results; return the exit status."""
+    what = "interrupted" if number == signal.SIGINT else "terminated"
+    print(f"gpvo: {what}; nothing was saved", file=sys.stderr, flush=True)
+    return 128 + number
 
 
 @contextmanager

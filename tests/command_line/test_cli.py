@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from importlib import import_module
@@ -66,3 +67,25 @@ def test_every_public_name_is_there() -> None:
     assert {name: getattr(gpvo, name) for name in gpvo.__all__}.keys() <= set(dir(gpvo))
     with pytest.raises(AttributeError, match="nothing"):
         _ = gpvo.nothing  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_end_may_come_while_the_command_line_is_imported(number: signal.Signals) -> None:
+    code = (
+        "import os, sys; from gpvo.__main__ import main\n"
+        "class Finder:\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        f"        if name == 'typer': os.kill(os.getpid(), {int(number)})\n"
+        "sys.meta_path.insert(0, Finder()); main()"
+    )
+    ended = subprocess.run([sys.executable, "-c", code, "-h"], capture_output=True, text=True)
+    assert ended.returncode == 128 + number and not ended.stdout
+    assert ended.stderr.startswith("gpvo: ") and ended.stderr.endswith("nothing was saved\n")
+    assert ended.stderr.count("\n") == 1
+
+
+def test_the_shell_completes_python_m_gpvo_as_gpvo() -> None:
+    shown = subprocess.run(
+        [sys.executable, "-m", "gpvo", "-h"], capture_output=True, text=True, check=True
+    )
+    assert "Usage: gpvo " in shown.stdout
