@@ -52,7 +52,9 @@ def make_folder(folder: Path | str, without: Iterable[str] = ()) -> Path:
         for name in without:
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from error
+        raise InputError(
+            f"{folder}: cannot be written to ({error.strerror}); give another --output"
+        ) from error
     return folder
 
 
@@ -71,7 +73,9 @@ def claim_folder(folder: Path | str, without: Iterable[str] = ()) -> Path:
     folder = make_folder(folder)
     place = folder.resolve()
     if not os.access(place, os.W_OK):
-        raise InputError(f"{folder}: cannot be written to (Permission denied); give --output")
+        raise InputError(
+            f"{folder}: cannot be written to (Permission denied); give another --output"
+        )
     if fcntl is not None and place not in _claimed:
         descriptor = os.open(place, os.O_RDONLY)
         try:
