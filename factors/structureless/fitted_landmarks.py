@@ -63,7 +63,7 @@ class FittedLandmarks:
     prior_of
         (L,) its number in the prior, -1 for none.
     measured, camera, whitening
-        (n, 3) measurements, (5,) parameters, and the matrix (3, 3) that whitens an error.
+        (n, 3) measurements, (5,) parameters, and the matrices (n, 3, 3) that whiten their errors.
     loss
         Of the norm of a whitened error.
     redundancy
@@ -77,9 +77,11 @@ class FittedLandmarks:
         model: gtsam.noiseModel.Base,
         camera: StereoCamera,
         prior: LandmarkPrior,
+        deviations: Array,
     ) -> None:
         gaussian = model.noise() if isinstance(model, gtsam.noiseModel.Robust) else model
-        self.whitening = np.ascontiguousarray(gaussian.Whiten(np.eye(3)))
+        self._whitening = gaussian.Whiten(np.eye(3))
+        self.whitening = self.whitening_of(deviations)
         self.loss, self.measured, self.camera = Loss(model), measured, camera.parameters
         self.number = np.union1d(number, prior.number)
         self.of = np.searchsorted(self.number, number)
@@ -94,6 +96,10 @@ class FittedLandmarks:
         self._initial = np.empty((len(self.number), 3))
         self._initial[self._measured] = camera.inverse_depth(measured[self._nearest])
         self._initial[self._with_prior] = prior.seen[self.prior_of[self._with_prior]]
+
+    def whitening_of(self, deviations: Array) -> Array:
+        """Return the matrices (n, 3, 3) that whiten errors of deviations (n, 3), in the model's."""
+        return np.ascontiguousarray(self._whitening / deviations[:, None])
 
     def fit(self, T: Array, T_first: Array, offset: Array) -> Fit:
         """Landmarks that fit best, T (n, 4, 4) the poses at the measurements.

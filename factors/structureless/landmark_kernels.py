@@ -111,10 +111,10 @@ def landmark_rows_kernel(
 
     It is the error of measurement n of landmark k, of coordinates q, from the pose i: numbers,
     because slices of arrays cost more than the arithmetic. Landmarks are charts and coordinates,
-    the sensor a camera and what whitens. Work is h (3,), the point in the camera's frame, times the
-    inverse depth in the chart, the Jacobian by_h (3, 3) of the error by h, and rows. Behind the
-    camera there is a large constant error without Jacobians, as in GTSAM's own stereo factor; a NaN
-    stays one.
+    the sensor a camera and what whitens each error (n, 3, 3). Work is h (3,), the point in the
+    camera's frame, times the inverse depth in the chart, the Jacobian by_h (3, 3) of the error by
+    h, and rows. Behind the camera there is a large constant error without Jacobians, as in GTSAM's
+    own stereo factor; a NaN stays one.
     """
     (charts, coordinates), (camera, whitening), (h, by_h, rows) = landmarks, sensor, work
     fx, fy, cx, cy, baseline = camera[0], camera[1], camera[2], camera[3], camera[4]
@@ -135,7 +135,7 @@ def landmark_rows_kernel(
         disparity = fx * baseline * q2 * inverse - measured[n, 2]
     by_u, by_v, by_disparity = fx * inverse, fy * inverse, fx * baseline * inverse
     for r in range(3):
-        w0, w1, w2 = whitening[r, 0], whitening[r, 1], whitening[r, 2]
+        w0, w1, w2 = whitening[n, r, 0], whitening[n, r, 1], whitening[n, r, 2]
         a, b, c = w0 * by_u, w1 * by_v, w2 * by_disparity
         by_ahead = -a * x - b * y - c * q2 * inverse
         by_h[r, 0], by_h[r, 1], by_h[r, 2] = a, b, by_ahead
@@ -174,7 +174,7 @@ def prior_rows_kernel(T: Array, landmarks: Pair, k: int, known: Known, n: int, w
     measures just these coordinates. The others are those of `landmark_rows_kernel`.
     """
     (seen, root, offset, unit), rows, i = known, work[2], len(T) - 1
-    landmark_rows_kernel(T, i, landmarks, k, seen, n, (unit, root[n]), work)
+    landmark_rows_kernel(T, i, landmarks, k, seen, n, (unit, root), work)
     for r in range(3):
         rows[r, 9] += offset[n, r]
 

@@ -93,7 +93,7 @@ class LandmarkWindow:
         order = np.argsort(between.first, kind="stable")
         order = order[: np.searchsorted(between.first[order], states - 1)]
         interval = between.first[order]
-        measured = landmarks.of, landmarks.measured, fit.weights
+        measured = landmarks.of, landmarks.measured, landmarks.whitening, fit.weights
         rows, by_landmark = self._measurement_rows(
             T_states, v_states, order, between, fit, *measured
         )
@@ -144,6 +144,7 @@ class LandmarkWindow:
         measured: Array,
         t: Array,
         number: Index,
+        deviations: Array,
         covariance: Array,
     ) -> Array:
         """Return squared Mahalanobis distances (n,) of other measurements from their prediction."""
@@ -156,7 +157,7 @@ class LandmarkWindow:
             return distance
         order, between = np.flatnonzero(known), self.between.at(t)
         fit = at.fit._replace(T=between.poses(T_states, v_states))
-        new = of, measured, np.ones(len(t))
+        new = of, measured, self.landmarks.whitening_of(deviations), np.ones(len(t))
         rows, by_landmark = self._measurement_rows(T_states, v_states, order, between, fit, *new)
         first = 12 * between.first[order]
         a, b = between.a[order], between.b[order]
@@ -178,10 +179,11 @@ class LandmarkWindow:
         fit: Fit,
         of: Index,
         measured: Array,
+        whitening: Array,
         weights: Array,
     ) -> tuple[Array, Array]:
         """Return what `measurement_rows_kernel` does, of measurements of the window's landmarks."""
-        camera, whitening = self.landmarks.camera, self.landmarks.whitening
+        camera = self.landmarks.camera
         states = T_states, v_states, order, between.first, between.a, between.b, fit.T
         known = of, fit.charts, fit.coordinates, measured, camera, whitening, weights
         return measurement_rows_kernel(*states, *known)

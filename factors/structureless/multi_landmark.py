@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import (
     Pose,
+    checked_array,
     checked_finite_noise,
     checked_number,
     checked_pose,
@@ -70,6 +71,9 @@ class StructurelessStereoFactor(Factor):
     T_body_cam
         (4, 4) pose of the left camera in the body, or gtsam.Pose3, if the states are the body's;
         then without Q_c and prior. What the factor tells of states is still of the camera.
+    deviations
+        (n, 3) standard deviations of u_left, v and disparity, as multiples of the model's: a match
+        is as precise as its patch has gradients. One by default.
 
     Raises
     ------
@@ -98,6 +102,7 @@ class StructurelessStereoFactor(Factor):
         prior: LandmarkPrior | None = None,
         tolerance: float = TOLERANCE,
         T_body_cam: Pose | None = None,
+        deviations: ArrayLike | None = None,
     ) -> None:
         measurements, model = stereo_measurements(measured, model)
         measurements = checked_measurements(measurements)
@@ -105,6 +110,7 @@ class StructurelessStereoFactor(Factor):
         number = _checked_landmarks(landmarks, len(t))
         checked_finite_noise(model, 3)
         camera = as_camera(camera)
+        each = _checked_deviations(deviations, len(t))
         if prior is None and len(t) < 2:
             raise ValueError(f"measured must have two rows or more, not {len(t)}")
         tolerance = checked_number("tolerance", tolerance)
@@ -126,6 +132,7 @@ class StructurelessStereoFactor(Factor):
             "prior": prior,
             "tolerance": tolerance,
             "T_body_cam": T_mount,
+            "deviations": None if deviations is None else each,
         }
         if T_body_cam is not None and not (qc is None and prior is None):
             raise ValueError(
@@ -136,7 +143,8 @@ class StructurelessStereoFactor(Factor):
         every = not (qc is None and prior is None)
         between = BracketingStates(t[order], named_states, every, T_mount)
         prior = LandmarkPrior.none() if prior is None else prior
-        found = FittedLandmarks(measurements[order], number[order], model, camera, prior)
+        seen = measurements[order], number[order], model, camera, prior, each[order]
+        found = FittedLandmarks(*seen)
         self.window = window = LandmarkWindow(between, t[order], found, prior, roots, tolerance)
         unit = gtsam.noiseModel.Unit.Create(window.size)
         super().__init__(unit, between.variables, window.error, made_of)
@@ -174,11 +182,13 @@ class StructurelessStereoFactor(Factor):
         times: ArrayLike,
         landmarks: ArrayLike,
         covariance: Array,
+        deviations: ArrayLike | None = None,
     ) -> Array:
         """Return squared Mahalanobis distances (n,) of new measurements from their prediction.
 
         `covariance` (12 m, 12 m) is that of the states, given all but the new measurements. The
-        distance of a landmark that the factor does not know is not a number.
+        distance of a landmark that the factor does not know is not a number. Deviations (n, 3) are
+        those of the factor's own measurements.
         """
         measurements = checked_measurements(measured)
         t = checked_times(times, len(measurements))
@@ -191,7 +201,9 @@ class StructurelessStereoFactor(Factor):
         if by_body is not None:
             by_bodies = np.kron(np.eye(size // 6), by_body)
             covariance = by_bodies @ covariance @ by_bodies.T
-        return self.window.squared_distances(*states, measurements, t, number, covariance)
+        each = _checked_deviations(deviations, len(t))
+        new = *states, measurements, t, number, each, covariance
+        return self.window.squared_distances(*new)
 
 
 def _checked_landmarks(landmarks: ArrayLike, count: int) -> Index:
@@ -200,6 +212,16 @@ def _checked_landmarks(landmarks: ArrayLike, count: int) -> Index:
     if number.dtype.kind not in "iu" or number.shape not in ((), (count,)):
         raise ValueError(f"landmarks must be one integer or {count}, not {number}")
     return np.broadcast_to(number, (count,)).astype(np.int64)
+
+
+def _checked_deviations(deviations: ArrayLike | None, count: int) -> Array:
+    """(count, 3) positive numbers, one by default."""
+    if deviations is None:
+        return np.ones((count, 3))
+    found = checked_array("deviations", deviations, (3,))
+    if found.shape != (count, 3) or not (found > 0).all():
+        raise ValueError(f"deviations must be ({count}, 3) positive numbers")
+    return found
 
 
 def _diagonal(qc: ArrayLike) -> Array:

@@ -32,7 +32,7 @@ PAPER: dict[str, Any] = {
         "tracker": "viso2",
         "resolutions": [1, 2],
         "image": "binary",
-        "klt": {"anchor_correlation": 1.0, "lost_landmarks": 0},
+        "klt": {"anchor_correlation": 1.0, "deviations": False, "lost_landmarks": 0},
         "compensation": {"lag": 0.0},
     },
     "tracklets": {

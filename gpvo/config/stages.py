@@ -115,6 +115,11 @@ class KltConfig(StageConfig):
         description="Largest distance between the match with the previous frame and the match "
         "with the anchor, pixels; beyond it the landmark is dropped.",
     )
+    deviations: bool = Field(
+        True,
+        description="Each measurement has its own standard deviations, by its patch's gradients "
+        "and the correlation of left and right; otherwise all have those of R.",
+    )
     lost_landmarks: int = Field(
         default=300,
         ge=0,

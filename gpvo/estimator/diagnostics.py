@@ -66,6 +66,7 @@ def checked_measurements(measurements: Measurements) -> Measurements:
         raise ValueError(f"measurements.landmark must be integers, not {kind}")
     count = len(measurements.t)
     shapes = {"landmark": (count,), "frame": (count,), "t": (count,), "stereo": (count, 3)}
+    shapes |= {"deviations": (count, 3)}
     for name, shape in shapes.items():
         found = np.shape(getattr(measurements, name))
         if found != shape:
@@ -78,8 +79,8 @@ def split_usable(
 ) -> tuple[Measurements, list[Diagnostic]]:
     """Return the measurements that can be used, and a diagnostic for each other one.
 
-    All numbers must be finite, the disparity positive, and times not before the first one (K,) in
-    the window, if any, nor after the latest, seconds.
+    All numbers must be finite, disparity and deviations positive, and times not before the first
+    one (K,) in the window, if any, nor after the latest, seconds.
 
     Raises
     ------
@@ -87,10 +88,13 @@ def split_usable(
         If a column of the measurements has another type or length.
     """
     stereo, t = checked_measurements(measurements).stereo, measurements.t
+    deviations = measurements.deviations
+    numbers = np.column_stack([stereo, t, deviations])
     earliest = t_window[0] if len(t_window) else -np.inf
     reasons = {
-        "not a finite number": ~np.isfinite(stereo).all(axis=1) | ~np.isfinite(t),
+        "not a finite number": ~np.isfinite(numbers).all(axis=1),
         "disparity is not positive": ~(stereo[:, 2] > 0),
+        "deviations are not positive": ~(deviations > 0).all(axis=1),
         "time lies beyond the cluster's end": t > latest,
         "time lies before the window": t < earliest,
     }

@@ -34,7 +34,7 @@ def within_gate(
     t = np.clip(new.t, window.states.t[0], window.states.t[-1])
     measured = new.stereo, t, new.landmark
     try:
-        distance = known.squared_distances(window.values(), *measured, covariance)
+        distance = known.squared_distances(window.values(), *measured, covariance, new.deviations)
     except np.linalg.LinAlgError:  # what is known predicts nothing
         return new, []
     inside = ~(distance > 2 * gammaincinv(1.5, share))

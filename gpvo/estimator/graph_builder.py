@@ -48,10 +48,12 @@ class GraphBuilder:
         """Whether every time of a measurement is a state of its own."""
         return self.config.state_interval == 0
 
-    @property
-    def measurement_noise(self) -> gtsam.noiseModel.Base:
-        """GTSAM's noise model of one measurement, with the configured loss."""
-        information = np.diag(self.noise.measurement_information)
+    def measurement_noise(self, deviation: Array | float = 1.0) -> gtsam.noiseModel.Base:
+        """Return GTSAM's noise model of one measurement, with the configured loss.
+
+        Its standard deviations are `deviation` (3,) times those that R says.
+        """
+        information = np.diag(self.noise.measurement_information / np.square(deviation))
         gaussian = gtsam.noiseModel.Gaussian.Information(information)
         if self.config.loss == "none":
             return gaussian
@@ -96,17 +98,17 @@ class GraphBuilder:
 
         The measurements' times must lie within those of the states, t (K,), up to `SAME_TIME`.
         """
-        model = self.measurement_noise
         before = np.clip(np.searchsorted(t, measurements.t + SAME_TIME, "right") - 1, 0, None)
         factors: list[gtsam.NonlinearFactor] = []
-        for k, time, landmark, stereo in zip(
+        for k, time, landmark, stereo, deviation in zip(
             before.tolist(),
             measurements.t.tolist(),
             measurements.landmark.tolist(),
             measurements.stereo,
+            measurements.deviations,
             strict=True,
         ):
-            point = L(landmark)
+            point, model = L(landmark), self.measurement_noise(deviation)
             if time - t[k] <= SAME_TIME:
                 at_state = StereoReprojectionFactor(stereo, model, X(states[k]), point, self.camera)
                 factors.append(at_state)
@@ -128,9 +130,10 @@ class GraphBuilder:
             measurements.stereo,
             np.clip(measurements.t, t[0], t[-1]),
             measurements.landmark,
-            self.measurement_noise,
+            self.measurement_noise(),
             [(X(k), V(k), time) for k, time in zip(states, t.tolist(), strict=True)],
             self.camera,
             self.qc if self.unique_times else None,
             LandmarkPrior.none() if prior is None else prior,
+            deviations=measurements.deviations,
         )

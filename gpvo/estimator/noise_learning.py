@@ -122,10 +122,13 @@ def _often_measured(measurements: Measurements, motion: States) -> Measurements:
 def _residuals(
     measurements: Measurements, motion: States, camera: StereoCamera, information: Array
 ) -> Array:
-    """(N, 3) errors of the measurements from the landmarks that fit them best, pixels."""
+    """(N, 3) errors of the measurements from the landmarks that fit them best, pixels.
+
+    They are those of measurements of the deviation one.
+    """
     noise = NoiseConfig(measurement_information=tuple(information.tolist()))
     robust = EstimatorConfig(loss="cauchy", loss_scale=CAUCHY_SCALE, state_interval=1.0)
     states = NumberedStates(0, motion)
     build = GraphBuilder(camera, noise, robust)
     factor = build.structureless(states.numbers, motion.t, measurements)
-    return factor.residuals(states.values())
+    return np.asarray(factor.residuals(states.values()) / measurements.deviations)

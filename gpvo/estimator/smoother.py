@@ -308,7 +308,8 @@ class FixedLagSmoother:
         factor = self._landmarks.factor
         if noise.measurement_memory > 0 and factor is not None and self._errors.is_due(t):
             values = self._window.values()
-            self._errors.learn(t, factor.residuals(values), factor.redundancy)
+            residuals = factor.residuals(values) / factor.deviations
+            self._errors.learn(t, residuals, factor.redundancy)
             learned["measurement_information"] = tuple(self._errors.information.tolist())
         self._build.noise = noise.model_copy(update=learned)
 

@@ -27,6 +27,9 @@ class Observations(ArrayTable):
         (N, 2) float64 seconds at which the landmark was at the left and at the right pixel, NaN
         where unknown; None if the tracker has no times of its own. Unknown times are taken from the
         events around the pixel.
+    own_deviations
+        (N, 3) standard deviations of u_left, v and disparity as multiples of those of a typical
+        observation; None if the tracker does not know.
     """
 
     landmark: NDArray[np.int64]
@@ -34,6 +37,7 @@ class Observations(ArrayTable):
     left: NDArray[np.float64]
     right: NDArray[np.float64]
     own_times: NDArray[np.float64] | None = None
+    own_deviations: NDArray[np.float64] | None = None
 
     @property
     def disparity(self) -> NDArray[np.float64]:
@@ -45,7 +49,14 @@ class Observations(ArrayTable):
         """Times (N, 2) of the tracker, left and right, seconds; NaN where it has none."""
         return np.full((len(self), 2), np.nan) if self.own_times is None else self.own_times
 
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """Relative standard deviations (N, 3); one where the tracker has none."""
+        return np.ones((len(self), 3)) if self.own_deviations is None else self.own_deviations
+
     @classmethod
     def concatenate(cls, parts: Iterable[Observations]) -> Observations:
         """Join one or more sets of observations."""
-        return super().concatenate(replace(part, own_times=part.times) for part in parts)
+        return super().concatenate(
+            replace(part, own_times=part.times, own_deviations=part.deviations) for part in parts
+        )

@@ -156,6 +156,7 @@ class Tracklets:
             observations.frame[seen],
             t_left,
             np.column_stack([left, disparity]),
+            observations.deviations[seen],
         )[passed]
 
     def _times(self, image: ClusterEvents, points: Array, own: Array) -> Array:

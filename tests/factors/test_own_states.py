@@ -173,6 +173,53 @@ def test_two_measurements_at_one_time_are_one_state() -> None:
         np.testing.assert_allclose(each, same, rtol=0, atol=1e-3 * np.abs(same).max())
 
 
+def test_a_measurement_of_half_the_variance_counts_as_two() -> None:
+    """Every third measurement twice, or once with a smaller deviation; the prediction as well."""
+    data, rows = (WINDOW.measured, WINDOW.t, WINDOW.landmark), np.arange(0, len(WINDOW.t), 3)
+    twice = [np.concatenate([column, column[rows]]) for column in data]
+    doubled = StructurelessStereoFactor(*twice, NOISE, WINDOW.states, CAMERA, QC, tolerance=1e-14)
+    deviations = np.ones((len(WINDOW.t), 3))
+    deviations[rows] = np.sqrt(0.5)
+    options = NOISE, WINDOW.states, CAMERA, QC, None, 1e-14, None
+    weighted = StructurelessStereoFactor(*data, *options, deviations)
+    found, expected = information(weighted, NEAR), information(doubled, NEAR)
+    for each, same in zip(found, expected, strict=True):
+        np.testing.assert_allclose(each, same, rtol=0, atol=1e-7 * np.abs(same).max())
+    # What is predicted has the noise of the new measurement, too.
+    new = [column[:5] for column in data]
+    near, far = (
+        weighted.squared_distances(NEAR, *new, 1e-9 * np.eye(36), scale * np.ones((5, 3)))
+        for scale in (1e2, 1e3)
+    )
+    np.testing.assert_allclose(near, 1e2 * far, rtol=1e-2)
+
+
+@pytest.mark.parametrize("scale", [0.5, 3.0])
+@MODELS
+def test_deviations_are_multiples_of_the_models(model: Any, scale: float) -> None:
+    data = WINDOW.measured, WINDOW.t, WINDOW.landmark
+    options = WINDOW.states, CAMERA, QC, None, 1e-4, None
+    each = np.full((len(WINDOW.t), 3), scale)
+    found = StructurelessStereoFactor(*data, model, *options, each)
+    gaussian = model.noise() if isinstance(model, gtsam.noiseModel.Robust) else model
+    wider: Any = gtsam.noiseModel.Gaussian.Covariance(scale**2 * gaussian.covariance())
+    if isinstance(model, gtsam.noiseModel.Robust):
+        wider = gtsam.noiseModel.Robust.Create(model.robust(), wider)
+    expected = StructurelessStereoFactor(*data, wider, *options)
+    assert found.error(NEAR) == pytest.approx(expected.error(NEAR), rel=1e-9)
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf])
+def test_deviations_are_positive(wrong: float) -> None:
+    data = WINDOW.measured, WINDOW.t, WINDOW.landmark
+    deviations = np.ones((len(WINDOW.t), 3))
+    deviations[3, 1] = wrong
+    with pytest.raises(ValueError, match="deviations"):
+        StructurelessStereoFactor(*data, NOISE, WINDOW.states, CAMERA, deviations=deviations)
+    with pytest.raises(ValueError, match="deviations"):
+        StructurelessStereoFactor(*data, NOISE, WINDOW.states, CAMERA, deviations=deviations[:3])
+
+
 @MODELS
 def test_a_half_turn_stays_finite(model: Any) -> None:
     values = gtsam.Values(NEAR)

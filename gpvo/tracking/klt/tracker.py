@@ -22,6 +22,7 @@ from gpvo.tracking.klt.anchors import Anchors, match_anchors
 from gpvo.tracking.klt.frame import Frame
 from gpvo.tracking.klt.lost_landmarks import LostLandmarks, are_near
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
+from gpvo.tracking.klt.match_precision import match_deviations
 from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
 from gpvo.tracking.klt.relocation import refined_pose, relocated_pose
 from gpvo.tracking.observations import Observations
@@ -86,11 +87,16 @@ class KltTracker:
         self._lost.follow(self._previous or frame, frame, first_new)
         self._previous, self.T_start_cam = frame, frame.T_start_cam
         self._frame_count += 1
+        return self._observations(frame)
+
+    def _observations(self, frame: Frame) -> Observations:
+        known, images = self._config.deviations, (frame.left_image, frame.right_image)
         return Observations(
             frame.landmark,
             np.full(len(frame.landmark), self._frame_count - 1),
             frame.left.astype(np.float64),
             frame.right.astype(np.float64),
+            own_deviations=match_deviations(*images, frame.left, frame.right) if known else None,
         )
 
     def _pyramid(self, image: Image) -> Pyramid:

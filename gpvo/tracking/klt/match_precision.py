@@ -1,0 +1,68 @@
+"""How precise the matches of patches are, by their gradients."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid, touches
+from gpvo.tracking.klt.patch_checks import patch_correlation
+from gpvo.tracking.klt.patch_kernels import Level, copy_patch, differentiate, dot, interpolate
+
+Array = NDArray[np.float64]
+Points = NDArray[np.float32]
+
+SHARE = np.array([0.7, 0.7, 1.0])
+"""Share of the variances of u, v and disparity that is due to gradients, of a typical match."""
+NOISE = 0.03
+"""What 1 - correlation is of patches that look alike, since left and right share their noise."""
+LARGEST = 3.0
+"""Largest ratio of a deviation to the typical one, and its inverse the least."""
+
+
+def match_deviations(left: Pyramid, right: Pyramid, points: Points, matches: Points) -> Array:
+    """Compute standard deviations (N, 3) of u, v and disparity, as multiples of the median ones.
+
+    Points (N, 2) are those in the left image, matches (N, 2) those in the right one. Noise of the
+    image moves the match of a patch with the gradients g by the covariance
+
+        (sum g g^T)^-1 of u and v,  (sum g_u^2)^-1 of the disparity
+
+    times its variance, which is told by 1 - the correlation of left and right patch. The rest of
+    the variance does not depend on the patch.
+    """
+    if not len(points):
+        return np.ones((0, 3))
+    squares = gradient_squares_kernel(left.levels[0], points, left.patch_size)
+    alike = patch_correlation(left.image, points, right.image, matches, left.patch_size // 2)
+    noise = NOISE + 1 - alike
+    uu, vv = np.maximum(squares[:, [0, 2]], 1e-9).T
+    determinant = np.maximum(uu * vv - squares[:, 1] ** 2, 1e-9 * uu * vv)
+    variance = noise[:, None] * np.column_stack([vv / determinant, uu / determinant, 1 / uu])
+    relative = SHARE * variance / np.median(variance, axis=0) + 1 - SHARE
+    return np.clip(np.sqrt(relative), 1 / LARGEST, LARGEST)
+
+
+@njit(cache=True, nogil=True)
+def gradient_squares_kernel(image: Level, points: Points, side: int) -> Array:
+    """Compute the sums (N, 3) of g_u^2, g_u g_v and g_v^2 over the patches around points (N, 2)."""
+    width = side + 3  # of the rows of all patches, which are stored one after the other
+    size = (side + 3) * width + 2
+    window, samples = np.zeros(size, np.float32), np.zeros(size, np.float32)
+    across, down = np.zeros(side * width, np.float32), np.zeros(side * width, np.float32)
+    corner, squares = side + BEYOND - side // 2, np.zeros((len(points), 3))
+    for i in range(len(points)):
+        u, v = points[i, 0] + corner, points[i, 1] + corner
+        if touches(image, side, u, v):
+            copy_patch(image, u - 1, v - 1, side + 3, width, window)
+            interpolate(window, u - np.floor(u), v - np.floor(v), width, samples)
+            differentiate(samples, width, across, down)
+            for row in range(side):
+                end = row * width + side
+                across[end : end + width - side] = 0
+                down[end : end + width - side] = 0
+            squares[i, 0] = dot(across, across)
+            squares[i, 1] = dot(across, down)
+            squares[i, 2] = dot(down, down)
+    return squares
