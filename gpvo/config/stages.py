@@ -116,7 +116,7 @@ class KltConfig(StageConfig):
         "with the anchor, pixels; beyond it the landmark is dropped.",
     )
     deviations: bool = Field(
-        True,
+        default=True,
         description="Each measurement has its own standard deviations, by its patch's gradients "
         "and the correlation of left and right; otherwise all have those of R.",
     )
