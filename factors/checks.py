@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from operator import index
-from typing import Any
+from typing import Any, SupportsIndex, SupportsInt
 
 import gtsam
 import numpy as np
@@ -49,6 +49,19 @@ def checked_key(name: str, key: int) -> int:
     if not 0 <= found < 2**64:
         raise ValueError(f"{name} must be a key from 0 to 2^64 - 1, not {key}")
     return found
+
+
+def key_name(key: SupportsInt | SupportsIndex) -> str:
+    """Return GTSAM's name of a key, or its number if that name is no text."""
+    try:
+        return gtsam.DefaultKeyFormatter(key)
+    except UnicodeDecodeError:
+        return str(key)
+
+
+def key_names(keys: Iterable[int]) -> str:
+    """Return the names of keys."""
+    return " ".join(map(key_name, keys))
 
 
 def checked_array(name: str, array: ArrayLike, element: tuple[int, ...]) -> Array:

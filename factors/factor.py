@@ -15,6 +15,7 @@ from typing import Any, SupportsFloat, SupportsIndex, SupportsInt
 import gtsam
 import numpy as np
 
+from factors.checks import key_name, key_names
 from factors.kernels.se3 import Array
 from factors.variables import Variable, checked_keys, fault_of
 
@@ -51,7 +52,7 @@ class Described:
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(type(self), **self._made_of), ()
 
-    def __repr__(self, s: str = "", keyFormatter: KeyFormatter = gtsam.DefaultKeyFormatter) -> str:
+    def __repr__(self, s: str = "", keyFormatter: KeyFormatter = key_name) -> str:
         keys = ", ".join(keyFormatter(key) for key in self.keys())
         noise = _noise_text(self.noiseModel())
         return f"{s}{type(self).__name__}({keys}; {self._shown()}, noise={noise})"
@@ -59,7 +60,7 @@ class Described:
     def _shown(self) -> str:
         return ", ".join(f"{name}={_text(a)}" for name, a in self._made_of.items() if _is_shown(a))
 
-    def print(self, s: str = "", keyFormatter: KeyFormatter = gtsam.DefaultKeyFormatter) -> None:
+    def print(self, s: str = "", keyFormatter: KeyFormatter = key_name) -> None:
         """Print type, keys, what it was made with and the noise model, after the text s."""
         keys = ", ".join(keyFormatter(key) for key in self.keys())
         model = str(self.noiseModel()).strip()
@@ -181,8 +182,7 @@ def check_values(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> Non
         factor = graph.at(number)
         if factor is None:
             continue
-        keys = map(gtsam.DefaultKeyFormatter, factor.keys())
-        name = f"factor {number} on {' '.join(keys)}"
+        name = f"factor {number} on {key_names(factor.keys())}"
         try:
             linear = factor.linearize(values)
         except Exception as failure:

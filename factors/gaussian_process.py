@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from factors.checks import checked_array, power_spectral_density
+from factors.checks import checked_array, key_names, power_spectral_density
 from factors.incremental import Incremental, joint_marginals
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.kernels.between import extrapolated_jacobian_kernel, state_between_kernel
@@ -200,7 +200,7 @@ class GaussianProcess:
             try:
                 found = self._marginals.jointMarginalCovariance(keys)
             except (RuntimeError, IndexError) as error:
-                names = " ".join(map(gtsam.DefaultKeyFormatter, keys))
+                names = key_names(keys)
                 raise ValueError(f"marginals have no covariance of {names}: {error}") from error
             self._joint[i] = np.block([[found.at(a, b) for b in keys] for a in keys])
         return self._joint[i]

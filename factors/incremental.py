@@ -11,7 +11,7 @@ from typing import Any
 
 import gtsam
 
-from factors.checks import checked_duration
+from factors.checks import checked_duration, key_name
 from factors.factor import check_values
 
 
@@ -69,7 +69,7 @@ class Incremental:
         values = gtsam.Values() if values is None else values
         timed = isinstance(self.solver, gtsam.IncrementalFixedLagSmoother)
         for key in values.keys():  # noqa: SIM118
-            name = gtsam.DefaultKeyFormatter(key)
+            name = key_name(key)
             if self._held.exists(key):
                 raise ValueError(f"{name} is in the solver already")
             if timed and not (others and key in others[0]):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import gtsam
 import numpy as np
 
-from factors.checks import checked_key, checked_numbers
+from factors.checks import checked_key, checked_numbers, key_names
 from factors.factor import Evaluate, Factor, original
 from factors.jacobian_blocks import Jacobians
 from factors.kernels.se3 import Array
@@ -89,7 +89,7 @@ def _checked(function: Callable[..., Any], size: int) -> Evaluate:
 
 def _native(inner: gtsam.NoiseModelFactor) -> Evaluate:
     """Return the error of a factor of GTSAM's, whose Jacobians it writes by itself."""
-    name = f"{type(inner).__name__} on {names_of(inner.keys())}"
+    name = f"{type(inner).__name__} on {key_names(inner.keys())}"
     error: Evaluate = inner.unwhitenedError
 
     def evaluate(values: gtsam.Values, jacobians: Jacobians) -> Array:
@@ -99,11 +99,6 @@ def _native(inner: gtsam.NoiseModelFactor) -> Evaluate:
             raise ValueError(f"{name}: {failure}") from failure
 
     return evaluate
-
-
-def names_of(keys: Sequence[int]) -> str:
-    """Return the keys as GTSAM prints them."""
-    return " ".join(map(gtsam.DefaultKeyFormatter, keys))
 
 
 def point_error_of(inner: InnerFactor) -> PointError | None:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import gtsam
 import numpy as np
 
-from factors.checks import checked_key, checked_number, checked_numbers
+from factors.checks import checked_key, checked_number, checked_numbers, key_name
 from factors.kernels.se3 import Array
 
 State = tuple[int, int, float] | gtsam.StateData
@@ -67,7 +67,7 @@ def checked_keys(variables: Sequence[Variable]) -> list[int]:
     roles: dict[int, str] = {}
     for role, key, _ in variables:
         if key in roles:
-            name = gtsam.DefaultKeyFormatter(key)
+            name = key_name(key)
             raise ValueError(f"{role} must not be the key of {roles[key]}, {name}")
         roles[key] = role
     return list(roles)
@@ -76,7 +76,7 @@ def checked_keys(variables: Sequence[Variable]) -> list[int]:
 def fault_of(variables: Sequence[Variable], values: gtsam.Values) -> str | None:
     """Return which variable cannot be read and why, or None."""
     for role, key, kind in variables:
-        name = f"{gtsam.DefaultKeyFormatter(key)} ({role})"
+        name = f"{key_name(key)} ({role})"
         if not values.exists(key):
             return f"{name} is not in the values"
         try:

@@ -9,7 +9,7 @@ import numpy as np
 from gtsam.symbol_shorthand import V, X
 
 from factors import InterpolatedFactor
-from factors.checks import checked_key, checked_number
+from factors.checks import checked_key, checked_number, key_name
 from factors.inner_factor import InnerFactor
 from gpvo.estimator.diagnostics import Diagnostic
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
@@ -37,7 +37,7 @@ class Waiting:
         if self.t is not None:
             return f"t = {self.t:.6f} s"
         keys = list(getattr(self.factor, "keys", list)())
-        return gtsam.DefaultKeyFormatter(keys[0]) if keys else "no key"
+        return key_name(keys[0]) if keys else "no key"
 
     def between(self, window: NumberedStates) -> gtsam.NonlinearFactor:
         """Return the factor, at its own time between the key states around it.
@@ -141,9 +141,9 @@ def fault_of(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> tuple[str, 
     keys = list(factor.keys())
     missing = [key for key in keys if not values.exists(key)]
     if missing:
-        name = gtsam.DefaultKeyFormatter(missing[0])
+        name = key_name(missing[0])
         return name, f"{LEFT_OUT}: its state is not in the window"
-    name = gtsam.DefaultKeyFormatter(keys[0]) if keys else "no key"
+    name = key_name(keys[0]) if keys else "no key"
     try:
         finite = np.isfinite(factor.linearize(values).augmentedJacobian()).all()
     except Exception as error:  # a factor written in Python raises what it likes

@@ -8,7 +8,7 @@ from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
 from factors import StatesBetween, isam2_parameters
-from factors.checks import checked_key
+from factors.checks import checked_key, key_name
 from factors.inner_factor import InnerFactor
 from factors.lie import se3_inverse
 from factors.stereo import Camera, as_camera
@@ -170,7 +170,7 @@ class FixedLagSmoother:
         """
         keys = [key for k in self.window[: self._solved] for key in (X(k), V(k))]
         if checked_key("key", key) not in keys:
-            raise ValueError(f"{gtsam.DefaultKeyFormatter(key)} is not in the window")
+            raise ValueError(f"{key_name(key)} is not in the window")
         place = keys.index(key)
         own = slice(6 * place, 6 * place + 6)
         covariance = self._covariance()[own, own].copy()
@@ -428,14 +428,14 @@ class FixedLagSmoother:
             place = self._own.active.index(factor)
             self._own.active.pop(place)
             if self._failure(self._window_again()) is None:
-                key, t = gtsam.DefaultKeyFormatter(factor.keys()[0]), float(self._keys.t[-1])
+                key, t = key_name(factor.keys()[0]), float(self._keys.t[-1])
                 self.diagnostics.append(Diagnostic(key, t, None, f"{OWN_LEFT_OUT}: indeterminate"))
                 return True
             self._own.active.insert(place, factor)
         return False
 
     def _report(self, reason: str) -> None:
-        key = gtsam.DefaultKeyFormatter(X(self._first))
+        key = key_name(X(self._first))
         self.diagnostics.append(Diagnostic(key, float(self._keys.t[0]), None, reason))
 
     def _failure(self, update: GraphUpdate) -> Exception | None:

@@ -355,3 +355,14 @@ def test_a_traceback_does_not_show_what_gtsam_has_freed() -> None:
     assert found
     assert not any(isinstance(each, gtsam.JacobianVector) for each in found)
     assert not any(type(each) is gtsam.CustomFactor for each in found)
+
+
+def test_a_key_whose_name_is_no_text_is_shown_as_its_number(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    factor = WnoaPriorFactor(2**63, V(0), X(1), V(1), DT, QC)
+    assert repr(factor).startswith(f"WnoaPriorFactor({2**63}, v0")
+    factor.print()
+    assert str(2**63) in capsys.readouterr().out
+    with pytest.raises(ValueError, match=f"{2**63} .pose_i. is not in the values"):
+        factor.error(good_values())
