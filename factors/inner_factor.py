@@ -53,25 +53,28 @@ def inner_of(inner: InnerFactor) -> Inner:
     Raises
     ------
     ValueError
-        If it is no factor with a noise model, or has no keys.
+        If it is no factor with a noise model, or has no keys, or one twice.
     """
     evaluate: Evaluate
     if isinstance(inner, ErrorFunction):
-        model, keys = inner.model, inner.keys
-        evaluate = _checked(partial(inner.error, None), model.dim())
+        model, keys, ours = inner.model, inner.keys, None
     elif isinstance(inner, gtsam.NoiseModelFactor):
         model, keys, ours = inner.noiseModel(), inner.keys(), original(inner)
-        if isinstance(ours, Factor):
-            evaluate = ours.evaluate
-        elif isinstance(inner, gtsam.CustomFactor):
-            evaluate = _checked(inner.unwhitenedError, model.dim())
-        else:
-            evaluate = _native(inner)
     else:
         raise ValueError(f"inner must be a factor or an ErrorFunction, not {type(inner).__name__}")
+    if not isinstance(model, gtsam.noiseModel.Base):
+        raise ValueError(f"inner must have a noise model, not {type(model).__name__}")
+    if isinstance(inner, ErrorFunction):
+        evaluate = _checked(partial(inner.error, None), model.dim())
+    elif isinstance(ours, Factor):
+        evaluate = ours.evaluate
+    elif isinstance(inner, gtsam.CustomFactor):
+        evaluate = _checked(inner.unwhitenedError, model.dim())
+    else:
+        evaluate = _native(inner)
     checked = [checked_key("inner", key) for key in keys]
-    if not checked:
-        raise ValueError("inner must have keys")
+    if not checked or len(set(checked)) < len(checked):
+        raise ValueError(f"inner must have keys, each once, not {key_names(checked)}")
     return Inner(model, checked, evaluate)
 
 

@@ -276,6 +276,16 @@ def test_bad_input_is_refused_by_name() -> None:
             "inner must have keys",
             lambda: InterpolatedFactor(ErrorFunction(*[noise(1), [], min]), *STATES, 0.1),
         ),
+        (
+            "inner must have keys, each once, not 0 0",
+            lambda: InterpolatedFactor(
+                gtsam.BetweenFactorPose3(0, 0, MOUNTED, noise(6)), *STATES, 0.1
+            ),
+        ),
+        (
+            "inner must have a noise model",
+            lambda: InterpolatedFactor(ErrorFunction(*[None, [0], min]), *STATES, 0.1),
+        ),
         ("inner must be", lambda: InterpolatedFactor(3, *STATES, 0.1)),  # type: ignore[arg-type]
         ("qc", lambda: InterpolatedFactor(gps, *STATES, 0.1, qc=-QC)),
         ("Constrained", lambda: InterpolatedFactor(zero, *STATES, 0.1, qc=QC)),
