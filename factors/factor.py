@@ -242,6 +242,8 @@ def _same(a: Any, b: Any, tol: float) -> bool:
         return _same(vars(a), vars(b), tol)
     if isinstance(a, gtsam.CustomFactor) and not isinstance(a, Described):
         return bool(a is b)  # GTSAM knows its keys and its noise alone
+    if hasattr(a, "calibration") and not _same(a.calibration(), b.calibration(), tol):
+        return False  # which GTSAM's stereo factor leaves out
     if hasattr(a, "equals"):
         return bool(a.equals(b, tol))
     if hasattr(a, "serialize"):

@@ -260,6 +260,13 @@ def test_factors_that_differ_are_not_equal() -> None:
     one, other = (InterpolatedFactor(inner, *states, DT / 2) for inner in custom)
     assert one.equals(InterpolatedFactor(custom[0], *states, DT / 2))
     assert not one.equals(other)
+    seen = gtsam.StereoPoint2(180, 174, 120)
+    one, other = (
+        InterpolatedFactor(gtsam.GenericStereoFactor3D(seen, NOISE, 9, L(0), K), *states, DT / 2)
+        for K in (gtsam.Cal3_S2Stereo(200, 200, 0, 160, 120, b) for b in (0.1, 0.2))
+    )
+    assert one.equals(copy.copy(one))
+    assert not one.equals(other)
 
 
 def test_what_gtsam_cannot_do_with_python_factors_is_as_the_docstring_says() -> None:
