@@ -17,7 +17,7 @@ from factors.incremental import Incremental, joint_marginals
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.kernels.between import extrapolated_jacobian_kernel, state_between_kernel
 from factors.kernels.se3 import Array, kernel
-from factors.variables import State, as_state
+from factors.variables import State, as_state, checked_keys, fault_of, variables_at
 
 Index = NDArray[np.int64]
 Marginals = (
@@ -77,8 +77,8 @@ class GaussianProcess:
     Raises
     ------
     ValueError
-        If there are fewer than two states, two at the same time, or a value is missing or has
-        another size.
+        If there are fewer than two states, two at the same time or with the same key, or a value is
+        missing or has another type or size.
     """
 
     def __init__(
@@ -93,11 +93,13 @@ class GaussianProcess:
         if len(ordered) < 2 or (np.diff(self.times) <= 0).any():
             raise ValueError("states must be two or more at different times")
         self.keys = [(pose, velocity) for pose, velocity, _ in ordered]
-        try:
-            self._T = np.array([values.atPose3(pose).matrix() for pose, _ in self.keys])
-            self._v = np.array([values.atVector6(velocity) for _, velocity in self.keys])
-        except RuntimeError as error:
-            raise ValueError(f"values must have a Pose3 and a vector of 6: {error}") from error
+        variables = variables_at(ordered)
+        checked_keys(variables)
+        fault = fault_of(variables, values)
+        if fault:
+            raise ValueError(fault)
+        self._T = np.array([values.atPose3(pose).matrix() for pose, _ in self.keys])
+        self._v = np.array([values.atVector6(velocity) for _, velocity in self.keys])
         self._qc = power_spectral_density(qc)
         if isinstance(marginals, gtsam.NonlinearFactorGraph):
             marginals = joint_marginals(marginals, values)

@@ -128,6 +128,15 @@ def variables_of(
     ]
 
 
+def variables_at(states: Sequence[tuple[int, int, float]]) -> list[Variable]:
+    """Return pose and velocity of each of many states, named by their times."""
+    return [
+        Variable(f"{role} at {t} s", key, kind)
+        for pose, velocity, t in states
+        for role, key, kind in (("pose", pose, POSE3), ("velocity", velocity, TWIST))
+    ]
+
+
 def are_states(args: Sequence[Any], kwargs: dict[str, Any], place: int = 0) -> bool:
     """Tell whether a constructor that takes keys or states was given states, from `place` on."""
     if len(args) > place:

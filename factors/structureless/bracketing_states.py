@@ -12,7 +12,7 @@ from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.lie import se3_adjoint, se3_inverse
 from factors.structureless.landmark_kernels import poses_between_kernel
-from factors.variables import POSE3, TWIST, Variable
+from factors.variables import Variable, variables_at
 
 
 def checked_times(times: ArrayLike, count: int) -> Array:
@@ -72,12 +72,7 @@ class BracketingStates:
     @property
     def variables(self) -> list[Variable]:
         """Pose and velocity of each state."""
-        kinds = ("pose", POSE3), ("velocity", TWIST)
-        return [
-            Variable(f"{name} at {state[2]} s", key, kind)
-            for state in self.states
-            for (name, kind), key in zip(kinds, state[:2], strict=True)
-        ]
+        return variables_at(self.states)
 
     @property
     def keys(self) -> list[int]:

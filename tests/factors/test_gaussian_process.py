@@ -133,7 +133,8 @@ def test_bad_input_is_refused_by_name() -> None:
     calls: list[tuple[str, Any]] = [
         ("states must be two", lambda: GaussianProcess(states[:1], values, QC)),
         ("states must be two", lambda: GaussianProcess([states[0]] * 2, values, QC)),
-        ("values", lambda: GaussianProcess(states, small, QC)),
+        ("v1 .* must be a vector of 6", lambda: GaussianProcess(states, small, QC)),
+        ("key of", lambda: GaussianProcess([*states, (X(0), V(3), 9.0)], values, QC)),
         ("x2", lambda: GaussianProcess(states, missing, QC)),
         ("qc", lambda: GaussianProcess(states, values, -QC)),
         ("t must be finite", lambda: without.pose(np.nan)),
