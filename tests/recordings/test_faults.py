@@ -147,6 +147,22 @@ def test_times_in_another_unit_are_refused_with_its_name(unit: str | None, secon
         check_time_unit(Stream())
 
 
+def test_times_of_which_few_are_left_in_seconds_are_refused() -> None:
+    """Microseconds read as seconds: the first minutes hold next to nothing."""
+    t = np.arange(0.0, 2000.0, 37.0)
+    pixels = np.zeros(len(t), np.uint16)
+    events = Events(pixels, pixels, t, pixels > 0)
+
+    class Stream(Recording):
+        path, start_ns = Path("stream"), 0
+
+        def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
+            return stereo_batches(iter([events]), iter([events]), 0.0, t[-1] + 1, 0.1)
+
+    with pytest.raises(InputError, match=r"are the times microseconds\? they must be seconds"):
+        check_time_unit(Stream())
+
+
 @pytest.mark.parametrize(("unit", "ratio"), [("milliseconds", 1e3), ("microseconds", 1e6)])
 def test_stamps_since_1970_name_their_unit(
     tmp_path: Path, calibration: Path, unit: str, ratio: float

@@ -13,12 +13,14 @@ from gpvo.recordings.base import Recording
 
 SAMPLE = 3000
 """Number of events of a camera that are looked at, the first ones."""
-LONGEST = 20_000
+LONGEST = 5000
 """Number of batches after which no more is read."""
 SLOWEST, FASTEST = 1000, 1e7
 """Events per second that every camera that sees or hears noise exceeds at times, and never."""
 WINDOW = 1000
 """Number of events in which it does."""
+QUIET = 300.0
+"""Seconds in which no camera has fewer."""
 UNITS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 SINCE_1970 = (8e8, 4.2e9)
 """Seconds from 1995 to 2100."""
@@ -54,10 +56,13 @@ def check_time_unit(recording: Recording) -> None:
     InputError
         If the times are those of a camera, but in another unit; the message names it.
     """
-    t = _first_times(recording)
-    if len(t) <= WINDOW:
+    t, stop = _first_times(recording)
+    if len(t) > WINDOW:
+        rate = WINDOW / max(float((t[WINDOW:] - t[:-WINDOW]).min()), 1e-9)
+    elif len(t) > 1 and stop > QUIET:
+        rate = len(t) / stop
+    else:
         return
-    rate = WINDOW / max(float((t[WINDOW:] - t[:-WINDOW]).min()), 1e-9)
     read_as = recording.time_unit
     unit = fitting_unit(t, rate, read_as) if rate < SLOWEST else None
     mean = len(t) / max(float(t[-1] - t[0]), 1e-9)
@@ -85,13 +90,18 @@ def fitting_unit(t: NDArray[np.float64], rate: float, read_as: str = "seconds") 
     return None
 
 
-def _first_times(recording: Recording) -> NDArray[np.float64]:
-    """Return the times of the first events of the left camera, of the right one without any."""
+def _first_times(recording: Recording) -> tuple[NDArray[np.float64], float]:
+    """Return the times of the first events of one camera, and when those that were read end.
+
+    It is the left camera, or the right one if that one has none.
+    """
+    stop = 0.0
     sides: dict[str, list[NDArray[np.float64]]] = {side: [] for side in recording.sides}
     for number, batch in enumerate(recording.event_batches()):
         for side, times in sides.items():
             times.append(getattr(batch, side).t)
+        stop = batch.stop
         if min(sum(map(len, times)) for times in sides.values()) >= SAMPLE or number >= LONGEST:
             break
     first = [np.concatenate([*times, np.empty(0)])[:SAMPLE] for times in sides.values()]
-    return first[0] if len(first[0]) > WINDOW else first[-1]
+    return first[0] if len(first[0]) > WINDOW else first[-1], stop

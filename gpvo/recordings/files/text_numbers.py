@@ -15,6 +15,8 @@ NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """Nanoseconds in each unit."""
 USUAL = 3e5
 """Events per second of usual cameras."""
+SELDOM = 20.0
+"""Events per second that the noise of a camera exceeds."""
 FINEST = 500.0
 """Nanoseconds between neighbouring stamps: the clocks of sensors are no finer."""
 SHORTEST, LONGEST = 5e8, 1e15
@@ -71,19 +73,21 @@ def column_roles(table: Array, resolution: tuple[int, int] | None) -> dict[str, 
 def found_unit(blocks: Sequence[Array]) -> str:
     """Find the unit of times, given those of consecutive events in each block.
 
-    Stamps since 1970 tell it; else the one in which rate, resolution and duration are usual.
+    Stamps since 1970 tell it, unless events come too seldom then: microseconds of a sensor that
+    runs for a quarter of an hour would be seconds of 2001. Else it is the one in which rate,
+    resolution and duration are usual.
     """
     middle, whole_span = float(np.median(blocks[0])), blocks[-1].max() - blocks[0].min()
-    for unit, length in NANOSECONDS.items():
-        since_1970 = SINCE_1970[0] <= middle * length / 1e9 <= SINCE_1970[1]
-        if since_1970 and whole_span * length < LONGEST:
-            return unit
     steps = np.concatenate([np.diff(block) for block in blocks])
     steps = np.abs(steps[steps != 0])
     spans = [block.max() - block.min() for block in blocks if len(block) > 1]
+    rate = sum(map(len, blocks)) / sum(spans) if sum(spans) > 0 else np.inf
+    for unit, length in NANOSECONDS.items():
+        since_1970 = SINCE_1970[0] <= middle * length / 1e9 <= SINCE_1970[1]
+        if since_1970 and whole_span * length < LONGEST and rate / length * 1e9 > SELDOM:
+            return unit
     if len(steps) == 0 or sum(spans) == 0:
         return "s"
-    rate = sum(map(len, blocks)) / sum(spans)
     tick = float(np.quantile(steps, 0.05))
     strange = {unit: _strangeness(rate, tick, whole_span, ns) for unit, ns in NANOSECONDS.items()}
     whole = all((block == np.rint(block)).all() for block in blocks)
