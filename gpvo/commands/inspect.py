@@ -12,12 +12,14 @@ from rich.console import Console
 from gpvo.commands.inputs import (
     Calibration,
     Config,
+    Duration,
     GroundTruth,
     LeftTopic,
     Output,
     RightTopic,
     Seed,
     check_start,
+    checked_duration,
     configured,
     console,
     load_ground_truth,
@@ -41,7 +43,7 @@ def inspect_front_end(
     output: Output = None,
     config: Config = None,
     start: Annotated[float, typer.Option(min=0, help="Seconds to skip.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(min=0, help="Seconds to process.")] = None,
+    duration: Duration = None,
     seed: Seed = None,
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,
@@ -60,7 +62,7 @@ def inspect_front_end(
         )
     configuration = configured(config, seed)
     folder = output or Path("results") / recording.stem / "inspection"
-    span = (start, np.inf if duration is None else duration)
+    span = start, checked_duration(duration) or np.inf
     inspect_command(opened, truth, configuration, folder, console, *span)
 
 

@@ -52,7 +52,10 @@ def live(
     record: Annotated[Path | None, typer.Option(help="File to keep the events in.")] = None,
     config: Config = None,
     start: Annotated[float, typer.Option(min=0, help="Of a recording: seconds to skip.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(min=0, help="Seconds to run.")] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(help="Seconds to run; default: until the source ends.", show_default=False),
+    ] = None,
     seed: Seed = None,
     left_topic: LeftTopic = None,
     right_topic: RightTopic = None,

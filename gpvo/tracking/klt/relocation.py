@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from factors import StereoCamera
-from factors.lie import se3_exp, skew
+from factors.lie import se3_exp, se3_inverse, se3_log, skew
 from gpvo.tracking.klt.anchors import Anchors, match_anchors, warped_patches
 from gpvo.tracking.klt.frame import Frame
 from gpvo.tracking.klt.lost_landmarks import LastSights
@@ -20,8 +20,8 @@ from gpvo.tracking.sights import points_in_start, warp
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-ROLLS = (0.0, 0.4, -0.4)
-"""Turns of the guessed pose around the optical axis, rad: they change patches most."""
+ROLL = 0.4
+"""Turn of a guessed pose around the optical axis, rad: it changes patches most."""
 CELL = 2
 """Side of the cells whose means are compared, pixels: features are not just where landmarks are."""
 CANDIDATES = 2
@@ -43,11 +43,11 @@ def relocated_pose(
 ) -> Array | None:
     """Find the pose T_start_cam (4, 4) of a frame by landmarks that were lost before it.
 
-    The frame's own landmarks are its features. Its pose is a guess that warps the patches, and that
-    may be rolled. None if too few landmarks agree.
+    The frame's own landmarks are its features. None if too few landmarks agree.
     """
-    for roll in ROLLS:
-        guess = frame.T_start_cam @ se3_exp([0, 0, roll, 0, 0, 0])
+    if len(lost) < LEAST:
+        return None
+    for guess in _guesses(lost.sights.T_start_cam[-1], frame.T_start_cam):
         warps = warp(camera, guess, lost.anchors.sights)
         landmark, measured = _matches(frame, lost.anchors, warps, least_correlation)
         points = points_in_start(camera, lost.sights)[landmark]
@@ -56,6 +56,16 @@ def relocated_pose(
             if T is not None:
                 return T
     return None
+
+
+def _guesses(before: Array, ahead: Array) -> list[Array]:
+    """Poses (4, 4) that may warp the patches well enough, given those of before and predicted.
+
+    The camera may have gone on, or stopped or turned back; it may have rolled.
+    """
+    half = before @ se3_exp(0.5 * se3_log(se3_inverse(before) @ ahead))
+    rolled = [half @ se3_exp([0, 0, roll, 0, 0, 0]) for roll in (ROLL, -ROLL)]
+    return [ahead, half, before, *rolled]
 
 
 def refined_pose(camera: StereoCamera, frame: Frame, lost: LastSights) -> Array | None:
