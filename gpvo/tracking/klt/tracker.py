@@ -77,7 +77,8 @@ class KltTracker:
         frame = Frame.without_landmarks(*images, self.T_start_cam)
         known = 0 if self._previous is None else len(self._previous.landmark)
         followed, first_new = self._anchor(self._follow(frame)), self._landmark_count
-        if self._has_lost_track(followed):
+        self._note_lost_track(followed)
+        if self._relocations > 0:
             followed = self._relocated(followed)
         seen = self._with_found_again(followed)
         features = self._detect(seen)
@@ -150,13 +151,12 @@ class KltTracker:
         seen = seen.joined(frame.anchored(changed.landmark, changed.left, changed.right))
         return seen.select(self._is_stereo(frame, seen.left, seen.right))
 
-    def _has_lost_track(self, followed: Frame) -> bool:
-        """Tell whether the landmarks of some frames ago are to be searched anywhere."""
-        known = 0 if self._previous is None else len(self._previous.landmark)
-        if self._previous is not None and known and not len(followed.landmark):
-            self._lost.follow(self._previous, followed, self._landmark_count)
+    def _note_lost_track(self, followed: Frame) -> None:
+        """Remember all landmarks of the previous frame as lost if none was followed."""
+        previous = self._previous
+        if previous is not None and len(previous.landmark) and not len(followed.landmark):
+            self._lost.follow(previous, followed, self._landmark_count)
             self._previous, self._relocations = followed, RELOCATED
-        return self._relocations > 0
 
     def _relocated(self, frame: Frame) -> Frame:
         """Find lost landmarks wherever they are now, and the pose with them."""
