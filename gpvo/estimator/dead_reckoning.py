@@ -22,7 +22,6 @@ from gtsam.symbol_shorthand import V
 from numpy.typing import NDArray
 
 from gpvo.estimator.initialization import FIXED, InitialState
-from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 
@@ -77,12 +76,12 @@ class DeadReckoning:
             return False
         return self._guessed[-1].forgotten and self._guessed[-1].stop > self._measured
 
-    def state_after(self, states: States) -> InitialState:
-        """Return the state that a new segment begins with, the last of the guessed ones."""
+    def state_after(self, T_world_cam: Array) -> InitialState:
+        """Return the state that a new segment begins with, at a pose (4, 4)."""
         covariance = np.diag(
             np.append(np.full(6, FIXED**2), LIVELY**2 * np.repeat(self._speed, 3) ** 2)
         )
-        return InitialState(states.T_world_cam[-1], np.zeros(6), covariance)
+        return InitialState(T_world_cam, np.zeros(6), covariance)
 
     @property
     def in_window(self) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.lie import se3_adjoint, se3_inverse
+from gpvo.estimator.known_place import PoseInWorld
 from gpvo.trajectory.covariance_knots import CovarianceKnots
 from gpvo.trajectory.states import States
 
@@ -23,7 +24,7 @@ class Segments:
 
     def __init__(self) -> None:
         self._earlier: list[CovarianceKnots] = []
-        self._T_world_first, self._covariance = np.eye(4), np.zeros((6, 6))
+        self._first = PoseInWorld(np.eye(4), np.zeros((6, 6)))
 
     @property
     def nbytes(self) -> int:
@@ -34,26 +35,29 @@ class Segments:
         """Return all knots in the world, given those of the present segment and all states."""
         return CovarianceKnots.joined([*self._earlier, self._in_world(states, knots)])
 
-    def begin(self, states: States, knots: CovarianceKnots) -> None:
-        """Begin a segment at the end of the present one, given its knots and all states."""
+    def begin(self, states: States, knots: CovarianceKnots, first: PoseInWorld | None) -> None:
+        """Begin a segment at the end of the present one, given its knots and all states.
+
+        `first` is its first pose, if that is known otherwise than by the present segment.
+        """
         known = self._in_world(states, knots)
         if len(known.joint) == 0:  # the present segment is its first state alone
             return
         self._earlier.append(known)
-        self._T_world_first = states.T_world_cam[-1]
-        self._covariance = known.joint[-1, 12:18, 12:18]
+        end = PoseInWorld(states.T_world_cam[-1], known.joint[-1, 12:18, 12:18])
+        self._first = first or end
 
     def pose_covariance(self, T_world_cam: Array) -> Array:
         """Return what the poses (N, 4, 4) are uncertain by as the first one is, (N, 6, 6)."""
-        moved = se3_adjoint(se3_inverse(T_world_cam) @ self._T_world_first)
-        return np.asarray(moved @ self._covariance @ moved.transpose(0, 2, 1))
+        return self._first.carried_to(T_world_cam)
 
     def _in_world(self, states: States, knots: CovarianceKnots) -> CovarianceKnots:
-        if len(knots.t) == 0 or not self._covariance.any():
+        first = self._first
+        if len(knots.t) == 0 or not first.covariance.any():
             return knots
         T = states.T_world_cam[np.searchsorted(states.t, knots.t)]
-        moved = se3_adjoint(se3_inverse(T) @ self._T_world_first)
+        moved = se3_adjoint(se3_inverse(T) @ first.T_world_cam)
         by_first = np.zeros((len(T) - 1, 24, 6))
         by_first[:, :6], by_first[:, 12:18] = moved[:-1], moved[1:]
-        added = by_first @ self._covariance @ by_first.transpose(0, 2, 1)
+        added = by_first @ first.covariance @ by_first.transpose(0, 2, 1)
         return CovarianceKnots(knots.t, knots.joint + added)

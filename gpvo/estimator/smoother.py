@@ -14,7 +14,7 @@ from factors.lie import se3_inverse
 from factors.stereo import Camera, as_camera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.blas_threads import one_blas_thread
-from gpvo.estimator.dead_reckoning import DeadReckoning
+from gpvo.estimator.dead_reckoning import ENOUGH, DeadReckoning
 from gpvo.estimator.diagnostics import Diagnostic, split_usable
 from gpvo.estimator.final_states import correct_final_states
 from gpvo.estimator.gate import within_gate
@@ -29,6 +29,7 @@ from gpvo.estimator.isam2 import (
     prior_covariance,
     states_of,
 )
+from gpvo.estimator.known_place import KnownPlace, PoseInWorld
 from gpvo.estimator.measurement_noise import MeasurementNoise
 from gpvo.estimator.motion_noise import MotionNoise
 from gpvo.estimator.own_factors import LEFT_OUT as OWN_LEFT_OUT
@@ -98,6 +99,7 @@ class FixedLagSmoother:
         self._final: list[States] = []
         self._knots: list[CovarianceKnots] = []
         self._segments = Segments()
+        self._place: KnownPlace | None = None
         self._first, self._keys = 0, States()
         self._between: StatesBetween | None = None
         self._solved = 0
@@ -127,7 +129,7 @@ class FixedLagSmoother:
         update = GraphUpdate()
         with one_blas_thread():
             if self._reckoning.is_over(len(usable)) and not self._own.used:
-                self._begin_again(update, usable.t.min(), velocity_estimate)
+                self._begin_again(update, usable, velocity_estimate)
             elif len(self._keys):
                 self._keep_what_leaves()
                 self._learn_noise()
@@ -141,6 +143,7 @@ class FixedLagSmoother:
             self.diagnostics += self._own.add_to(update, self._window)
             self._solve(update, accepted)
             self._reckoning.measured(end_time, self._keys.twist[-1], len(accepted))
+            self._keep_place(len(accepted))
 
     def add(
         self, *factors: InnerFactor, t: float | None = None, velocity: int | None = None
@@ -270,23 +273,47 @@ class FixedLagSmoother:
         update.add_states(self._window)
         update.add_factors(self._prior_on_first_state())
 
-    def _begin_again(self, update: GraphUpdate, t: float, velocity: VelocityFit | None) -> None:
-        """Begin a new segment at the last key state before time t, where measurements are again."""
-        first = max(int(np.searchsorted(self._keys.t, t, "right")) - 1, 0)
+    def _begin_again(
+        self, update: GraphUpdate, new: Measurements, velocity: VelocityFit | None
+    ) -> None:
+        """Begin a new segment at the last key state before there are measurements again."""
+        first = max(int(np.searchsorted(self._keys.t, new.t.min(), "right")) - 1, 0)
         ends = self._states_until(first)
         now = self._knots_of(ends)
         if len(now.t):
             self._knots = CovarianceKnots.extended(self._knots, now)
-        states = States.concatenate([*self._final, ends])
-        self._segments.begin(states, CovarianceKnots.joined(self._knots))
+        states, t = States.concatenate([*self._final, ends]), float(ends.t[-1])
+        place = self._place_at(t, new, velocity)
+        self._segments.begin(states, CovarianceKnots.joined(self._knots), place)
         self._final += [ends[:-1]] if len(ends) > 1 else []
         self._knots, self._leave_before, self._leaving = [], -np.inf, 0
-        self._initial = self._reckoning.state_after(ends)
+        T_world_cam = ends.T_world_cam[-1] if place is None else place.T_world_cam
+        self._initial = self._reckoning.state_after(T_world_cam)
         self._first, self._between, self._solved = self._first + first, None, 0
         self._lag, self._factors = Lag(self._config), {}
         self._landmarks = WindowLandmarks(self._build)
         self._start_smoother()
-        self._begin(update, float(ends.t[-1]), velocity)
+        self._begin(update, t, velocity)
+
+    def _keep_place(self, count: int) -> None:
+        """Keep the landmarks as they are known when their measurements cease."""
+        if count >= ENOUGH:
+            self._place = None
+        elif self._place is None and self._config.lost_landmarks:
+            T = self._keys.T_world_cam[:1]
+            covariance = self._first_covariance[:6, :6] + self._segments.pose_covariance(T)[0]
+            self._place = KnownPlace(*self.landmarks, PoseInWorld(T[0], covariance))
+
+    def _place_at(
+        self, t: float, new: Measurements, velocity: VelocityFit | None
+    ) -> PoseInWorld | None:
+        """Find the pose at time t by landmarks that were known before."""
+        if self._place is None:
+            return None
+        twist = np.zeros(6) if velocity is None else velocity.velocity
+        noise = self._build.noise
+        variance = noise.known_again**2 + 1 / np.array(noise.measurement_information)
+        return self._place.pose(self._build.camera, new, t, twist, variance)
 
     def _prior_on_first_state(self) -> list[gtsam.NonlinearFactor]:
         T_world_cam, twist = self._keys.T_world_cam[0], self._keys.twist[0]

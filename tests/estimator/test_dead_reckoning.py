@@ -17,6 +17,7 @@ from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.estimator import FixedLagSmoother, InitialState, make_estimator
 from gpvo.estimator.dead_reckoning import LEAST_SPEED, LIVELY, DeadReckoning
 from gpvo.evaluation.metrics.nees import nees
+from gpvo.mc_ransac import VelocityFit
 from gpvo.tracking import Measurements
 from gpvo.trajectory import States, Trajectory
 
@@ -82,6 +83,40 @@ def test_after_a_break_the_error_is_what_the_covariance_says() -> None:
     found = np.array([nees(*run(seed, (1.0, 2.0), 3.0)[:2], t) for seed in range(8)])
     pose, velocity = found.mean(axis=0)
     assert (pose < 9).all() and (velocity > 3).all() and (velocity < 9).all()
+
+
+@pytest.mark.parametrize("seed", [0, 1])  # in which the camera still sees them
+def test_after_a_break_known_landmarks_tell_where_the_camera_is(seed: int) -> None:
+    """The same landmarks are measured again; under other numbers they are not known."""
+    simulation = TrackletSimulation(NOISE, per_cluster=6, length=100)
+    motion = simulation.motion(1.8, np.random.default_rng(seed))
+    errors, deviations = {}, {}
+    for renamed in (0, 10_000):
+        rng, config = np.random.default_rng(seed), EstimatorConfig(bridge=BRIDGE)
+        smoother = FixedLagSmoother(simulation.camera, NOISE, config)
+        for end_time, measurements in simulation.clusters(motion, rng):
+            if 0.8 < end_time <= 1.4 + 1e-9:
+                measurements = NOTHING
+            elif end_time > 1.4:
+                measurements = replace(measurements, landmark=measurements.landmark + renamed)
+            smoother.update(end_time, measurements, velocity_at(motion, end_time))
+        trajectory = smoother.trajectory()
+        assert trajectory is not None
+        t, start = np.array([1.5, 1.75]), motion.query(np.array([trajectory.start]))[0]
+        true = se3_inverse(start) @ motion.query(t)[0]
+        error = se3_log(se3_inverse(trajectory.pose(t)) @ true)
+        covariance = trajectory.covariance(t)[:, :6, :6]
+        errors[renamed] = np.linalg.norm(error[:, 3:], axis=1)
+        deviations[renamed] = np.sqrt(np.trace(covariance[:, 3:, 3:], axis1=1, axis2=2))
+        assert (np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error) < 22.5).all()
+    assert (errors[0] < 0.01).all()
+    assert (deviations[10_000] > 20 * deviations[0]).all()
+
+
+def velocity_at(motion: States, t: float) -> VelocityFit:
+    """Return the true velocity at a time as MC-RANSAC would."""
+    twist = motion.query(np.array([t]))[1][0]
+    return VelocityFit(twist, 1e-4 * np.eye(6), np.ones(0, bool))
 
 
 def test_after_a_break_batch_is_as_certain_as_it_may_be() -> None:
