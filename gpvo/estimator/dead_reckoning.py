@@ -83,6 +83,10 @@ class DeadReckoning:
         )
         return InitialState(T_world_cam, np.zeros(6), covariance)
 
+    def end(self, t: float) -> None:
+        """Note that the motion is measured again from time t, seconds."""
+        self._measured, self._guessed = t, []
+
     @property
     def in_window(self) -> bool:
         """Whether some of what is not forgotten was guessed."""

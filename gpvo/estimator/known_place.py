@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from factors import StereoCamera
 from factors.lie import se3_adjoint, se3_inverse
 from gpvo.mc_ransac.fast_kernels import moved_points
+from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements
 from gpvo.tracking.pose_of_matches import agreeing, jacobian_of_pose, pose_of_matches
 
@@ -46,13 +47,13 @@ class KnownPlace:
     seen_from: PoseInWorld
 
     def pose(
-        self, camera: StereoCamera, new: Measurements, t: float, twist: Array, variance: Array
+        self, camera: StereoCamera, new: Measurements, velocity: VelocityFit, variance: Array
     ) -> PoseInWorld | None:
-        """Find the pose at time t, seconds, from measurements around it; None if it is not known.
+        """Find the pose at the first of new measurements; None if too few are of known landmarks.
 
-        The camera moves with the twist (6,) there. What is measured of a landmark has the variance
-        (3,), pixel^2.
+        What is measured of a landmark has the variance (3,), pixel^2.
         """
+        t, twist = new.t.min(), velocity.velocity
         _, i, j = np.intersect1d(self.number, new.landmark, return_indices=True)
         points = moved_points(camera.triangulate(new.stereo[j]), t - new.t[j], twist)
         known, measured = self.points[i], camera.project(points)

@@ -35,17 +35,29 @@ class Segments:
         """Return all knots in the world, given those of the present segment and all states."""
         return CovarianceKnots.joined([*self._earlier, self._in_world(states, knots)])
 
-    def begin(self, states: States, knots: CovarianceKnots, first: PoseInWorld | None) -> None:
-        """Begin a segment at the end of the present one, given its knots and all states.
-
-        `first` is its first pose, if that is known otherwise than by the present segment.
-        """
+    def begin(self, states: States, knots: CovarianceKnots) -> None:
+        """Begin a segment at the end of the present one, given its knots and all states."""
         known = self._in_world(states, knots)
         if len(known.joint) == 0:  # the present segment is its first state alone
             return
         self._earlier.append(known)
-        end = PoseInWorld(states.T_world_cam[-1], known.joint[-1, 12:18, 12:18])
-        self._first = first or end
+        self._first = PoseInWorld(states.T_world_cam[-1], known.joint[-1, 12:18, 12:18])
+
+    def begin_apart(
+        self, states: States, knots: CovarianceKnots, t: float, pose: PoseInWorld, twist: Array
+    ) -> None:
+        """Begin a segment at a later time t, seconds, with a pose known otherwise.
+
+        `twist` (6, 6) is the covariance of the twist there.
+        """
+        end = len(self._earlier)
+        self.begin(states, knots)
+        if len(self._earlier) > end:
+            joint = np.zeros((1, 24, 24))
+            joint[0, :12, :12] = self._earlier[-1].joint[-1, 12:, 12:]
+            joint[0, 12:18, 12:18], joint[0, 18:, 18:] = pose.covariance, twist
+            self._earlier.append(CovarianceKnots(np.array([states.t[-1], t]), joint))
+        self._first = pose
 
     def pose_covariance(self, T_world_cam: Array) -> Array:
         """Return what the poses (N, 4, 4) are uncertain by as the first one is, (N, 6, 6)."""

@@ -276,19 +276,27 @@ class FixedLagSmoother:
     def _begin_again(
         self, update: GraphUpdate, new: Measurements, velocity: VelocityFit | None
     ) -> None:
-        """Begin a new segment at the last key state before there are measurements again."""
+        """Begin a new segment where landmarks tell the pose, or at the last key state before."""
         first = max(int(np.searchsorted(self._keys.t, new.t.min(), "right")) - 1, 0)
         ends = self._states_until(first)
         now = self._knots_of(ends)
         if len(now.t):
             self._knots = CovarianceKnots.extended(self._knots, now)
-        states, t = States.concatenate([*self._final, ends]), float(ends.t[-1])
-        place = self._place_at(t, new, velocity)
-        self._segments.begin(states, CovarianceKnots.joined(self._knots), place)
-        self._final += [ends[:-1]] if len(ends) > 1 else []
+        states = States.concatenate([*self._final, ends])
+        knots = CovarianceKnots.joined(self._knots)
+        place = self._place_again(new, velocity) if new.t.min() > ends.t[-1] else None
+        if place is None:
+            t, known = float(ends.t[-1]), ends[:-1]
+            self._initial = self._reckoning.state_after(ends.T_world_cam[-1])
+            self._segments.begin(states, knots)
+        else:
+            t, known, first = float(new.t.min()), ends, first + 1
+            self._initial = self._reckoning.state_after(place.T_world_cam)
+            twist = self._initial.covariance[6:, 6:]
+            self._segments.begin_apart(states, knots, t, place, twist)
+            self._reckoning.end(t)
+        self._final += [known] if len(known) else []
         self._knots, self._leave_before, self._leaving = [], -np.inf, 0
-        T_world_cam = ends.T_world_cam[-1] if place is None else place.T_world_cam
-        self._initial = self._reckoning.state_after(T_world_cam)
         self._first, self._between, self._solved = self._first + first, None, 0
         self._lag, self._factors = Lag(self._config), {}
         self._landmarks = WindowLandmarks(self._build)
@@ -304,16 +312,13 @@ class FixedLagSmoother:
             covariance = self._first_covariance[:6, :6] + self._segments.pose_covariance(T)[0]
             self._place = KnownPlace(*self.landmarks, PoseInWorld(T[0], covariance))
 
-    def _place_at(
-        self, t: float, new: Measurements, velocity: VelocityFit | None
-    ) -> PoseInWorld | None:
-        """Find the pose at time t by landmarks that were known before."""
-        if self._place is None:
+    def _place_again(self, new: Measurements, velocity: VelocityFit | None) -> PoseInWorld | None:
+        """Find the pose at the first measurement by landmarks that were known before."""
+        if self._place is None or velocity is None:
             return None
-        twist = np.zeros(6) if velocity is None else velocity.velocity
         noise = self._build.noise
         variance = noise.known_again**2 + 1 / np.array(noise.measurement_information)
-        return self._place.pose(self._build.camera, new, t, twist, variance)
+        return self._place.pose(self._build.camera, new, velocity, variance)
 
     def _prior_on_first_state(self) -> list[gtsam.NonlinearFactor]:
         T_world_cam, twist = self._keys.T_world_cam[0], self._keys.twist[0]

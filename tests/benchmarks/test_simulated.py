@@ -152,7 +152,8 @@ def test_sensors_that_are_not_as_they_should_be(name: str) -> None:
         assert 0.4 < len(harmed.right) / len(whole.right) < 0.6
     elif name == "5_s_still":
         assert harmed.duration == pytest.approx(whole.duration + 5.0)
-        assert len(harmed.left) == len(whole.left)
+        noise = 0.1 * width * height * 5.0
+        assert len(harmed.left) - len(whole.left) == pytest.approx(noise, rel=0.1)
     else:
         assert len(harmed.left) > 1.5 * len(whole.left)
 
