@@ -48,6 +48,7 @@ from gpvo.tracking import Measurements
 VARIANTS: dict[str, dict[str, Any]] = {
     "default": {},
     "without anchors": {"tracking": {"klt": {"anchor_correlation": 1.0}}},
+    "equal deviations": {"tracking": {"klt": {"deviations": False}}},
     "without lag": {"tracking": {"compensation": {"lag": 0.0}}},
     "without memory": {
         "tracking": {"klt": {"lost_landmarks": 0}},

@@ -221,9 +221,8 @@ class FixedLagSmoother:
             return None
         with one_blas_thread():
             inside = self.states
-            now = self._knots_of(inside)
+            knots = self._all_knots(inside)
         states = States.concatenate([*self._final, inside])
-        knots = CovarianceKnots.joined(CovarianceKnots.extended(self._knots, now))
         knots = self._segments.all_knots(states, knots)
         from_first = not self._has_world
         return Trajectory.of_states(states, knots, self._build.noise, start_ns, from_first)
@@ -277,31 +276,35 @@ class FixedLagSmoother:
         self, update: GraphUpdate, new: Measurements, velocity: VelocityFit | None
     ) -> None:
         """Begin a new segment where landmarks tell the pose, or at the last key state before."""
-        first = max(int(np.searchsorted(self._keys.t, new.t.min(), "right")) - 1, 0)
-        ends = self._states_until(first)
-        now = self._knots_of(ends)
-        if len(now.t):
-            self._knots = CovarianceKnots.extended(self._knots, now)
-        states = States.concatenate([*self._final, ends])
-        knots = CovarianceKnots.joined(self._knots)
+        last = max(int(np.searchsorted(self._keys.t, new.t.min(), "right")) - 1, 0)
+        ends = self._states_until(last)
+        states, knots = States.concatenate([*self._final, ends]), self._all_knots(ends)
         place = self._place_again(new, velocity) if new.t.min() > ends.t[-1] else None
         if place is None:
-            t, known = float(ends.t[-1]), ends[:-1]
+            t, first, known = float(ends.t[-1]), last, ends[:-1]
             self._initial = self._reckoning.state_after(ends.T_world_cam[-1])
             self._segments.begin(states, knots)
         else:
-            t, known, first = float(new.t.min()), ends, first + 1
+            t, first, known = float(new.t.min()), last + 1, ends
             self._initial = self._reckoning.state_after(place.T_world_cam)
             twist = self._initial.covariance[6:, 6:]
             self._segments.begin_apart(states, knots, t, place, twist)
             self._reckoning.end(t)
         self._final += [known] if len(known) else []
+        self._forget_window(self._first + first)
+        self._begin(update, t, velocity)
+
+    def _all_knots(self, ends: States) -> CovarianceKnots:
+        """Return the knots of the segment, given its states in the window."""
+        return CovarianceKnots.joined(CovarianceKnots.extended(self._knots, self._knots_of(ends)))
+
+    def _forget_window(self, first: int) -> None:
+        """Forget all that is estimated; the next state gets the number `first`."""
         self._knots, self._leave_before, self._leaving = [], -np.inf, 0
-        self._first, self._between, self._solved = self._first + first, None, 0
+        self._first, self._between, self._solved = first, None, 0
         self._lag, self._factors = Lag(self._config), {}
         self._landmarks = WindowLandmarks(self._build)
         self._start_smoother()
-        self._begin(update, t, velocity)
 
     def _keep_place(self, count: int) -> None:
         """Keep the landmarks as they are known when their measurements cease."""
