@@ -65,8 +65,8 @@ def checked_measurements(measurements: Measurements) -> Measurements:
         kind = np.asarray(measurements.landmark).dtype
         raise ValueError(f"measurements.landmark must be integers, not {kind}")
     count = len(measurements.t)
-    shapes = {"landmark": (count,), "frame": (count,), "t": (count,), "stereo": (count, 3)}
-    shapes |= {"deviations": (count, 3)}
+    one, three = (count,), (count, 3)
+    shapes = {"landmark": one, "frame": one, "t": one, "stereo": three, "deviations": three}
     for name, shape in shapes.items():
         found = np.shape(getattr(measurements, name))
         if found != shape:

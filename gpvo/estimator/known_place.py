@@ -24,9 +24,13 @@ class PoseInWorld:
     T_world_cam: Array
     covariance: Array
 
+    def adjoint_to(self, T_world_cam: Array) -> Array:
+        """Return the matrices (N, 6, 6) that make errors of poses (N, 4, 4) of this one's error."""
+        return se3_adjoint(se3_inverse(T_world_cam) @ self.T_world_cam)
+
     def carried_to(self, T_world_cam: Array) -> Array:
         """Return what poses (N, 4, 4) are uncertain by as this one is, (N, 6, 6)."""
-        moved = se3_adjoint(se3_inverse(T_world_cam) @ self.T_world_cam)
+        moved = self.adjoint_to(T_world_cam)
         return np.asarray(moved @ self.covariance @ moved.transpose(0, 2, 1))
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.lie import se3_adjoint, se3_inverse
 from gpvo.estimator.known_place import PoseInWorld
 from gpvo.trajectory.covariance_knots import CovarianceKnots
 from gpvo.trajectory.states import States
@@ -68,7 +67,7 @@ class Segments:
         if len(knots.t) == 0 or not first.covariance.any():
             return knots
         T = states.T_world_cam[np.searchsorted(states.t, knots.t)]
-        moved = se3_adjoint(se3_inverse(T) @ first.T_world_cam)
+        moved = first.adjoint_to(T)
         by_first = np.zeros((len(T) - 1, 24, 6))
         by_first[:, :6], by_first[:, 12:18] = moved[:-1], moved[1:]
         added = by_first @ first.covariance @ by_first.transpose(0, 2, 1)

@@ -44,6 +44,11 @@ class Sights(ArrayTable):
         poses = np.repeat(T_start_cam[None], len(point), axis=0)
         return cls(point, point[:, 0] - right[:, 0], poses)
 
+    @property
+    def measured(self) -> Array:
+        """Measurements (N, 3), (u_left, v, disparity)."""
+        return np.column_stack([self.point, self.disparity])
+
 
 def predict(camera: StereoCamera, T_start_cam: Array, sights: Sights) -> Array:
     """Predict the measurements (N, 3) of landmarks at a pose, (u_left, v, disparity), pixels.
@@ -90,5 +95,5 @@ def _since(T_start_cam: Array, sights: Sights) -> Array:
 
 def _points(camera: StereoCamera, T: Array, sights: Sights) -> Array:
     """Points (N, 3) of landmarks in the frame in which T (N, 4, 4) are the cameras' poses."""
-    then = camera.triangulate(np.column_stack([sights.point, sights.disparity]))
+    then = camera.triangulate(sights.measured)
     return np.einsum("nij,nj->ni", T[:, :3, :3], then) + T[:, :3, 3]

@@ -8,7 +8,14 @@ from numpy.typing import NDArray
 
 from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid, touches
 from gpvo.tracking.klt.patch_checks import patch_correlation
-from gpvo.tracking.klt.patch_kernels import Level, copy_patch, differentiate, dot, interpolate
+from gpvo.tracking.klt.patch_kernels import (
+    Level,
+    clear_outside,
+    copy_patch,
+    differentiate,
+    dot,
+    interpolate,
+)
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
@@ -58,10 +65,7 @@ def gradient_squares_kernel(image: Level, points: Points, side: int) -> Array:
             copy_patch(image, u - 1, v - 1, side + 3, width, window)
             interpolate(window, u - np.floor(u), v - np.floor(v), width, samples)
             differentiate(samples, width, across, down)
-            for row in range(side):
-                end = row * width + side
-                across[end : end + width - side] = 0
-                down[end : end + width - side] = 0
+            clear_outside((0, side), (0, side), width, across, down)
             squares[i, 0] = dot(across, across)
             squares[i, 1] = dot(across, down)
             squares[i, 2] = dot(down, down)

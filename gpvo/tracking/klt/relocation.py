@@ -65,9 +65,8 @@ def refined_pose(camera: StereoCamera, frame: Frame, lost: LastSights) -> Array 
     None if too few agree.
     """
     _, i, j = np.intersect1d(lost.landmark, frame.landmark, return_indices=True)
-    measured = np.hstack([frame.left, frame.left[:, :1] - frame.right[:, :1]])[j]
     points = points_in_start(camera, lost.sights)[i]
-    return fitted_pose(camera, frame.T_start_cam, points, measured.astype(np.float64))
+    return fitted_pose(camera, frame.T_start_cam, points, frame.sights.measured[j])
 
 
 def _matches(
