@@ -165,7 +165,7 @@ class PriorError:
         """Return pose and rates t seconds after state i."""
         i, j = self._read(values)
         rest = t, self._dt - t
-        weights = (hermite_weights.py_func if self._order == 2 else quintic_weights)(*rest)
+        weights = (hermite_weights if self._order == 2 else quintic_weights)(*rest)
         if self._space is None:
             return tuple(np.einsum("eab,ebn->an", weights, np.array([i, j])))
         at_j = local_motion_kernel(i[0], j[0], j[1], j[-1])[:, 24].reshape(3, 6)[: self._order]

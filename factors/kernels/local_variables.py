@@ -13,8 +13,10 @@ from factors.kernels.se3 import (
     RIGHT,
     Array,
     adjoint_coefficients_kernel,
+    bare_kernel,
     compose_exp_kernel,
     copy_kernel,
+    first_stumpff_kernel,
     inner_kernel,
     inverse_coefficients_kernel,
     jacobian_coefficients_kernel,
@@ -25,7 +27,6 @@ from factors.kernels.se3 import (
     polynomial_product_kernel,
     relative_kernel,
     se3_polynomial_kernel,
-    stumpff_kernel,
 )
 
 EXACT, FIRST_ORDER = 1.0, 0.0
@@ -117,27 +118,40 @@ def wnoa_kernel(T_i: Array, v_i: Array, T_j: Array, v_j: Array, dt: float) -> Ar
     return result
 
 
-@inner_kernel
+@kernel
 def hermite_weights(a: float, b: float) -> Array:
     """Compute the weights (2, 2, 2) of (xi, w) at the time a after state i and b before state j.
 
     The first matrix is Lambda, the weight of state i's local variables. The second is Omega, the
     weight of state j's.
     """
+    weights = np.empty((2, 2, 2))
+    write_hermite_weights(a, b, weights)
+    return weights
+
+
+@bare_kernel
+def write_hermite_weights(a: float, b: float, weights: Array) -> None:
+    """Write what `hermite_weights` returns."""
     dt = a + b
     s, r = a / dt, b / dt
-    weights = np.empty((2, 2, 2))
     weights[0, 0, 0], weights[0, 0, 1] = r * r * (1 + 2 * s), r * r * a
     weights[0, 1, 0], weights[0, 1, 1] = -6 * s * r / dt, r * (1 - 3 * s)
     weights[1, 0, 0], weights[1, 0, 1] = s * s * (1 + 2 * r), -s * s * b
     weights[1, 1, 0], weights[1, 1, 1] = 6 * s * r / dt, s * (1 - 3 * r)
-    return weights
 
 
 @inner_kernel
 def interpolated_local_kernel(v_i: Array, local_j: Array, weights: Array) -> Array:
     """Interpolate the local variables (xi, w) around state i from those of both states, (12,)."""
     local = np.empty(12)
+    write_interpolated_local(v_i, local_j, weights, local)
+    return local
+
+
+@bare_kernel
+def write_interpolated_local(v_i: Array, local_j: Array, weights: Array, local: Array) -> None:
+    """Write what `interpolated_local_kernel` returns."""
     for k in range(2):
         for n in range(6):
             local[6 * k + n] = (
@@ -145,7 +159,6 @@ def interpolated_local_kernel(v_i: Array, local_j: Array, weights: Array) -> Arr
                 + weights[1, k, 0] * local_j[n]
                 + weights[1, k, 1] * local_j[6 + n]
             )
-    return local
 
 
 @inner_kernel
@@ -163,7 +176,7 @@ def backward_adjoint_kernel(local: Array) -> Array:
     return se3_polynomial_kernel(local, adjoint_coefficients_kernel(local, RIGHT))
 
 
-@inner_kernel
+@bare_kernel
 def chain_rule_kernel(
     rows: Array, local: Array, by_states_j: Array, share: Array, result: Array
 ) -> None:
@@ -173,11 +186,13 @@ def chain_rule_kernel(
     multiplied by Jr(xi) and by the adjoint of Exp(-xi), 1 + p W + q W^2, without making these
     matrices: p and q are numbers, and their dual parts times what the angle changes by.
     """
-    c = stumpff_kernel(local[0] * local[0] + local[1] * local[1] + local[2] * local[2])
+    s = local[0] * local[0] + local[1] * local[1] + local[2] * local[2]
+    c_1, c_2, c_3, c_4, c_5 = first_stumpff_kernel(s)
+    d_1, d_2, d_3 = 0.5 * (c_3 - c_2), 0.5 * (2 * c_4 - c_3), 0.5 * (3 * c_5 - c_4)  # by s
     ds = 2 * (local[0] * local[3] + local[1] * local[4] + local[2] * local[5])
     velocity, pose_j, rate_j = share[0, 0, 1], share[1, 0, 0], share[1, 0, 1]
-    adjoint = -c[0, 1], c[0, 2], -ds * c[1, 1], ds * c[1, 2]
-    jacobian = -c[0, 2], c[0, 3], -ds * c[1, 2], ds * c[1, 3]
+    adjoint = -c_1, c_2, -ds * d_1, ds * d_2
+    jacobian = -c_2, c_3, -ds * d_2, ds * d_3
     B = by_states_j
     for r in range(3):
         _polynomial_row_kernel(rows, r, local, *adjoint, result, 0)
@@ -196,7 +211,7 @@ def chain_rule_kernel(
             result[r, j] += pose_j * by_pose + rate_j * by_rate
 
 
-@inner_kernel
+@bare_kernel
 def _polynomial_row_kernel(
     rows: Array,
     r: int,

@@ -12,6 +12,7 @@ Arrays are C-contiguous float64, because numba would compile a kernel again for 
 from __future__ import annotations
 
 from math import factorial
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -22,13 +23,17 @@ Array = NDArray[np.float64]
 # Compilation delays the first run. Wrappers that nobody calls are therefore left out, and kernels
 # take no integers, because numba would compile them again for each literal integer.
 kernel = njit(cache=True, error_model="numpy", no_cfunc_wrapper=True, nogil=True)
-inner_kernel = njit(  # called by kernels only
-    cache=True,
-    error_model="numpy",
-    no_cfunc_wrapper=True,
-    no_cpython_wrapper=True,
-    forceinline=True,
-)
+_INNER: dict[str, Any] = {  # of those that are called by kernels only
+    "cache": True,
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+    "no_cpython_wrapper": True,
+    "forceinline": True,
+}
+inner_kernel = njit(**_INNER)
+# One that makes no array, and calls none that does, need not count who holds the arrays it is
+# given; that takes longer than what most of these compute.
+bare_kernel = njit(**_INNER, _nrt=False)
 
 LEFT, RIGHT = 1.0, -1.0  # the right Jacobian is the left one of -xi, which has -p
 
@@ -61,7 +66,7 @@ def stumpff_kernel(s: float) -> Array:
     return c
 
 
-@inner_kernel
+@bare_kernel
 def _series_kernel(s: float) -> tuple[float, float]:
     """Compute c_7 and c_8 of the Stumpff functions."""
     odd, even = 0 * s, 0 * s
@@ -71,17 +76,19 @@ def _series_kernel(s: float) -> tuple[float, float]:
     return odd, even
 
 
-@inner_kernel
-def _first_stumpff_kernel(s: float) -> tuple[float, float, float]:
-    """Compute c_1, c_2 and c_3 of the Stumpff functions, without an array."""
+@bare_kernel
+def first_stumpff_kernel(s: float) -> tuple[float, float, float, float, float]:
+    """Compute c_1 to c_5 of the Stumpff functions, without an array."""
     f = _INVERSE_FACTORIAL
     if s < _SERIES_LIMIT:
         c_7, c_8 = _series_kernel(s)
-        c_3 = f[3] - s * (f[5] - s * c_7)
-        return 1 - s * c_3, f[2] - s * (f[4] - s * (f[6] - s * c_8)), c_3
+        c_5, c_4 = f[5] - s * c_7, f[4] - s * (f[6] - s * c_8)
+        c_3 = f[3] - s * c_5
+        return 1 - s * c_3, f[2] - s * c_4, c_3, c_4, c_5
     w = np.sqrt(s)
-    c_1 = np.sin(w) / w
-    return c_1, (1 - np.cos(w)) / s, (1 - c_1) / s
+    c_1, c_2 = np.sin(w) / w, (1 - np.cos(w)) / s
+    c_3 = (1 - c_1) / s
+    return c_1, c_2, c_3, (f[2] - c_2) / s, (f[3] - c_3) / s
 
 
 @inner_kernel
@@ -202,7 +209,7 @@ def polynomial_derivative_kernel(xi: Array, k: Array, w: Array) -> Array:
     return D
 
 
-@inner_kernel
+@bare_kernel
 def _add_cross_kernel(M: Array, p: float, dp: float, x: Array) -> None:
     """Add p + eps dp times the cross product matrix of x, and copy the upper block to the lower."""
     for i in range(3):
@@ -224,7 +231,7 @@ def exp_kernel(xi: Array) -> Array:
     return T
 
 
-@inner_kernel
+@bare_kernel
 def compose_exp_kernel(T_i: Array, xi: Array, T: Array) -> None:
     """Write the transform T = T_i Exp(xi), (4, 4).
 
@@ -232,7 +239,7 @@ def compose_exp_kernel(T_i: Array, xi: Array, T: Array) -> None:
     """
     x, y, z, u, v, w = xi[0], xi[1], xi[2], xi[3], xi[4], xi[5]
     s, dot = x * x + y * y + z * z, x * u + y * v + z * w
-    c_1, c_2, c_3 = _first_stumpff_kernel(s)
+    c_1, c_2, c_3, _, _ = first_stumpff_kernel(s)
     turn, move = 1 - c_2 * s, 1 - c_3 * s
     for i in range(3):
         a, b, c = T_i[i, 0], T_i[i, 1], T_i[i, 2]
@@ -333,7 +340,7 @@ def multiply_kernel(A: Array, B: Array) -> Array:
     return C
 
 
-@inner_kernel
+@bare_kernel
 def copy_columns_kernel(A: Array, first: int, to: Array) -> None:
     """Copy the columns from `first` on to a matrix with the same number of rows."""
     for j in range(to.shape[1]):
@@ -341,7 +348,7 @@ def copy_columns_kernel(A: Array, first: int, to: Array) -> None:
             to[i, j] = A[i, first + j]
 
 
-@inner_kernel
+@bare_kernel
 def copy_kernel(A: Array, to: Array) -> None:
     """Copy one matrix to another; cheaper to compile than a slice assignment."""
     for i in range(A.shape[0]):

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.se3 import Array, inner_kernel, kernel
+from factors.kernels.se3 import Array, bare_kernel, kernel
 
 _ROUNDING = 1e-13  # of a variance: what is left of it after elimination is no number any more
 
@@ -161,7 +161,7 @@ def pivoted_cholesky_kernel(
     return gains[:, :rank].copy(), pivots[:rank].copy()
 
 
-@inner_kernel
+@bare_kernel
 def _covariance_kernel(s: float, t: float, d: float) -> float:
     """Covariance k of xi at the times s and t of a bridge of duration d.
 

@@ -9,15 +9,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.se3 import Array, inner_kernel, kernel
+from factors.kernels.se3 import Array, bare_kernel, kernel
+from factors.kernels.triangular import (
+    solve_transposed_kernel,
+    solve_upper_kernel,
+    upper_root_kernel,
+)
 from factors.structureless.bridge import Bridge
 from factors.structureless.prior_kernels import add_prior_products_kernel
 from factors.structureless.row_kernels import (
-    add_cross_products_kernel,
+    add_products_kernel,
     add_square_kernel,
     solve_kernel,
     spread_rows_kernel,
@@ -26,7 +32,6 @@ from factors.structureless.row_kernels import (
 
 Index = NDArray[np.int64]
 
-_BLOCK = 64  # rows that are solved at once: numpy does not know of triangles
 _ROUNDING = 1e-12  # pivots below this, of a unit diagonal, are made of rounding errors
 
 
@@ -67,6 +72,30 @@ class Rows:
         return 6 * np.cumsum([0, *(bridge.rank for bridge in self.bridges)])
 
 
+class Eliminated(NamedTuple):
+    """Landmarks of (n,) numbers given all else: the rows root (n, 3, 3) and cross (n, 3, w).
+
+    The latter have the columns (w,) of all, the others are zero; known (n,) is 1 for those that the
+    rows determine.
+    """
+
+    of: Index
+    columns: Index
+    root: Array
+    cross: Array
+    known: Array
+
+    @property
+    def flat(self) -> Array:
+        """(3 n, w) rows of cross."""
+        return self.cross.reshape(-1, len(self.columns))
+
+    def only(self, keep: NDArray[np.bool_]) -> Eliminated:
+        """Return those that are kept (n,)."""
+        of, columns, *arrays = self
+        return Eliminated(of[keep], columns, *(array[keep] for array in arrays))
+
+
 @dataclass(frozen=True, eq=False)
 class JointSystem:
     """Quadratic cost of states, shared variables and landmarks, after elimination of these.
@@ -77,9 +106,8 @@ class JointSystem:
         (D, D) of the columns above: JᵀJ less what the landmarks explain, with unit priors on u, s.
     scale
         (D,) diagonal before the landmarks were eliminated.
-    root, cross, known
-        Landmarks given all else: the rows root (L, 3, 3) and cross (L, 3, D); known (L,) is 1 for
-        those that the rows determine.
+    landmarks
+        Those that are measured, and those that only the prior knows.
     latent
         First columns of the bridges' variables, and of s.
     shared
@@ -88,9 +116,7 @@ class JointSystem:
 
     information: Array
     scale: Array
-    root: Array
-    cross: Array
-    known: Array
+    landmarks: tuple[Eliminated, Eliminated]
     latent: Index
     shared: int
 
@@ -104,30 +130,35 @@ class JointSystem:
         latent = found.latent
         shared = int(latent[-1]) + found.prior.shape[2] - 13
         size = shared + 12 * found.states + 1
-        H, own = np.zeros((size, size)), np.zeros((landmarks, 3, 3))
-        cross, measured = np.zeros((landmarks, 3, size)), np.zeros(landmarks, np.bool_)
+        H, measured = np.zeros((size, size)), np.zeros(landmarks, np.bool_)
         measured[found.of] = True
-        _add_measurements(found, latent, shared, H, cross, own)
-        if len(found.prior):
-            _add_prior(found, measured, int(latent[-1]), H, cross, own)
-        H.ravel()[: shared * size : size + 1] += 1.0
-        scale, known = np.diag(H).copy(), np.empty(landmarks)
-        whiten_kernel(own, cross, known)
-        flat = cross[measured].reshape(-1, size)
-        H -= flat.T @ flat if len(flat) else 0.0
-        return JointSystem(H, scale, own, cross, known, latent, shared)
+        H.ravel()[: shared * size : size + 1] = 1.0
+        seen = _measured(found, measured, shared, H)
+        scale = np.diag(H).copy()
+        whiten_kernel(seen.root, seen.cross, seen.known)
+        H -= seen.flat.T @ seen.flat
+        return JointSystem(H, scale, (seen, _others(found, measured)), latent, shared)
 
     @cached_property
     def shared_given_states(self) -> tuple[Array, Array]:
-        """Root L (S, S), lower, of the information on u and s, and L⁻¹ H_(us),(x, error)."""
-        H, S = self.information, self.shared
-        root = np.asarray(np.linalg.cholesky(H[:S, :S]), np.float64)
-        return root, solve_lower(root, H[:S, S:])
+        """Root R (S, S), upper, of the information on u and s, and R⁻ᵀ H_(us),(x, error).
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If they are not determined.
+        """
+        rows, S = upper_root_kernel(self.information, self.shared), self.shared
+        if not np.isfinite(rows[-1:, S - 1 :]).all():
+            raise np.linalg.LinAlgError("what the landmarks share is not determined")
+        return np.ascontiguousarray(rows[:, :S]), np.ascontiguousarray(rows[:, S:])
 
     def shared_mean(self, moved: Array) -> Array:
         """Return u and s (S,), given the step (12 m,) of the states."""
         root, right = self.shared_given_states
-        return -solve_transposed(root, right @ np.append(moved, 1.0))
+        mean = -(right @ np.append(moved, 1.0))[:, None]
+        solve_upper_kernel(root, mean)
+        return mean[:, 0]
 
     def part_given_states(self, part: slice) -> tuple[Array, Array]:
         """Return the regression (n, 12 m) of some of u and s on the states, and their covariance.
@@ -135,8 +166,8 @@ class JointSystem:
         That is (n, n), given the states.
         """
         root, right = self.shared_given_states
-        unit = np.eye(self.shared - part.start, part.stop - part.start)
-        columns = solve_lower(root[part.start :, part.start :], unit)
+        columns = np.eye(self.shared - part.start, part.stop - part.start)
+        solve_transposed_kernel(np.ascontiguousarray(root[part.start :, part.start :]), columns)
         return -columns.T @ right[part.start :, :-1], columns.T @ columns
 
     def on_states(self) -> tuple[Array, Array]:
@@ -147,9 +178,21 @@ class JointSystem:
 
     def landmark_steps(self, moved: Array) -> Array:
         """Return the steps (L, 3) of the landmarks, given the step (12 m,) of the states."""
-        steps = self.cross @ -np.concatenate([self.shared_mean(moved), moved, [1.0]])
-        solve_kernel(self.root, self.known, steps)
+        x = -np.concatenate([self.shared_mean(moved), moved, [1.0]])
+        steps = np.empty((sum(len(some.of) for some in self.landmarks), 3))
+        for some in self.landmarks:
+            found = (some.flat @ x[some.columns]).reshape(-1, 3)
+            solve_kernel(some.root, some.known, found)
+            steps[some.of] = found
         return steps
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(L,) which landmarks are determined."""
+        known = np.empty(sum(len(some.of) for some in self.landmarks), np.bool_)
+        for some in self.landmarks:
+            known[some.of] = some.known > 0
+        return known
 
     def predicted(
         self, of: Index, first: Index, rows: Array, by_landmark: Array, covariance: Array
@@ -160,49 +203,60 @@ class JointSystem:
         landmarks `of` and of states from their columns `first` on; `covariance` is that of the
         states.
         """
-        S = self.shared
+        S, count = self.shared, len(self.known)
         root, right = self.shared_given_states
-        by_states = -solve_transposed(root, right)
-        by_noise = by_landmark @ np.linalg.inv(self.root[of])
-        by_all = -by_noise @ self.cross[of]
+        by_states = -right
+        solve_upper_kernel(root, by_states)
+        all_roots, all_cross = np.empty((count, 3, 3)), np.zeros((count, 3, len(self.scale)))
+        for some in self.landmarks:
+            all_roots[some.of] = some.root
+            all_cross[some.of[:, None], :, some.columns] = some.cross.transpose(0, 2, 1)
+        by_noise = by_landmark @ np.linalg.inv(all_roots[of])
+        by_all = -by_noise @ all_cross[of]
         by_shared = by_all[:, :, :S]
         on_states = by_all[:, :, S:-1] + by_shared @ by_states[:, :-1]
         for n, column in enumerate(first.tolist()):
             on_states[n, :, column : column + 24] += rows[n, :, :24]
         error = rows[:, :, 30] + by_all[:, :, -1] + by_shared @ by_states[:, -1]
-        flat = by_shared.reshape(3 * len(of), S)
-        free = solve_lower(root, flat.T).T.reshape(by_shared.shape)
+        free = np.ascontiguousarray(by_shared.reshape(3 * len(of), S).T)
+        solve_transposed_kernel(root, free)
+        free = free.T.reshape(by_shared.shape)
         parts = (on_states @ covariance, on_states), (free, free), (by_noise, by_noise)
         spread = np.eye(3) + sum(a @ b.transpose(0, 2, 1) for a, b in parts)
         return error, np.asarray(spread, np.float64)
 
 
-def solve_lower(root: Array, right: Array) -> Array:
-    """X, root X = right, of a lower triangular matrix (S, S); block by block."""
-    X = right.copy()
-    for i in range(0, len(root), _BLOCK):
-        block = slice(i, i + _BLOCK)
-        X[block] -= root[block, :i] @ X[:i]
-        X[block] = np.linalg.solve(root[block, block], X[block])
-    return X
+def _measured(found: Rows, measured: NDArray[np.bool_], shared: int, H: Array) -> Eliminated:
+    """Sum the measured landmarks' products with themselves and all columns, and add JᵀJ to H."""
+    of, size = np.flatnonzero(measured), len(H)
+    place, first = np.cumsum(measured) - 1, shared - found.prior.shape[2] + 13
+    own, cross = np.zeros((len(of), 3, 3)), np.zeros((len(of), 3, size))
+    _add_measurements(found, place, shared, H, cross, own)
+    mine = measured[found.prior_of]
+    _add_prior(found, mine, place[found.prior_of[mine]], first, H, cross, own)
+    return Eliminated(of, np.arange(size), own, cross, np.empty(len(of)))
 
 
-def solve_transposed(root: Array, right: Array) -> Array:
-    """X, rootᵀ X = right, of a lower triangular matrix (S, S); block by block."""
-    X = right.copy()
-    for i in reversed(range(0, len(root), _BLOCK)):
-        block, later = slice(i, i + _BLOCK), slice(i + _BLOCK, None)
-        X[block] -= root[later, block].T @ X[later]
-        X[block] = np.linalg.solve(root[block, block].T, X[block])
-    return X
+def _others(found: Rows, measured: NDArray[np.bool_]) -> Eliminated:
+    """The landmarks that are not measured: their prior has columns of s, the first state, error."""
+    of, width = np.flatnonzero(~measured), found.prior.shape[2]
+    own, cross = np.zeros((len(of), 3, 3)), np.zeros((len(of), 3, width))
+    theirs = ~measured[found.prior_of]
+    place = (np.cumsum(~measured) - 1)[found.prior_of[theirs]]
+    rows, by_landmark = found.prior[theirs], found.prior_by_landmark[theirs]
+    add_prior_products_kernel(place, 0.0, rows, by_landmark, cross, own)
+    known, first = np.empty(len(of)), int(found.latent[-1])
+    whiten_kernel(own, cross, known)
+    columns = np.append(first + np.arange(width - 1), -1)
+    return Eliminated(of, columns, own, cross, known)
 
 
 def _add_measurements(
-    found: Rows, latent: Index, shared: int, H: Array, cross: Array, own: Array
+    found: Rows, place: Index, shared: int, H: Array, cross: Array, own: Array
 ) -> None:
     """Add JᵀJ of all columns to H, of the landmarks' with the others to `cross`, and to `own`."""
     interval, rank = found.interval, np.array([bridge.rank for bridge in found.bridges])
-    gains = np.zeros((len(interval), int(rank.max())))
+    latent, gains = found.latent, np.zeros((len(interval), int(rank.max())))
     ends = np.searchsorted(interval, np.arange(found.states)).tolist()
     for i, bridge in enumerate(found.bridges):
         gains[ends[i] : ends[i + 1], : bridge.rank] = bridge.gains
@@ -211,25 +265,28 @@ def _add_measurements(
         flat = J[ends[i] : ends[i + 1]].reshape(-1, J.shape[2])
         columns = shared + 12.0 * i, float(latent[i]), float(bridge.rank)
         add_square_kernel(flat.T @ flat, *columns, H)
-    places = shared + 12 * interval, latent[interval], rank[interval]
-    add_cross_products_kernel(found.of, *places, J, found.by_landmark, cross, own)
+    places = place[found.of], shared + 12 * interval, latent[interval], rank[interval]
+    add_products_kernel(*places, found.rows, gains, found.by_landmark, cross, own)
 
 
 def _add_prior(
-    found: Rows, measured: NDArray[np.bool_], first: int, H: Array, cross: Array, own: Array
+    found: Rows,
+    mine: NDArray[np.bool_],
+    place: Index,
+    first: int,
+    H: Array,
+    cross: Array,
+    own: Array,
 ) -> None:
-    """Add the same of the landmarks' prior: of columns from the first one on, and of the error.
+    """Add the same of the measured landmarks' prior: of columns from the first one on, and error.
 
-    To H only of the measured landmarks.
+    They are at their place in `cross` and `own`.
     """
-    flat = found.prior[measured[found.prior_of]].reshape(-1, found.prior.shape[2])
-    square, columns = flat.T @ flat, slice(first, first + flat.shape[1] - 1)
-    H[columns, columns] += square[:-1, :-1]
-    H[columns, -1] += square[:-1, -1]
-    H[-1, columns] += square[-1, :-1]
-    H[-1, -1] += square[-1, -1]
-    of, by_landmark = found.prior_of, found.prior_by_landmark
-    add_prior_products_kernel(of, float(first), found.prior, by_landmark, cross, own)
+    rows, by_landmark = found.prior[mine], found.prior_by_landmark[mine]
+    flat = rows.reshape(-1, rows.shape[2])
+    columns = np.append(first + np.arange(flat.shape[1] - 1), -1)
+    H[columns[:, None], columns] += flat.T @ flat
+    add_prior_products_kernel(place, float(first), rows, by_landmark, cross, own)
 
 
 @kernel
@@ -257,15 +314,16 @@ def root_kernel(H: Array, scale: Array) -> Array:
         for j in range(i, size):
             rest[i, j] /= pivot
             R[i, column[j]] = rest[i, j] * scale[column[j]]
+        above = rest[i, i + 1 :]
         for k in range(i + 1, size):
-            value = rest[i, k]
-            for j in range(i + 1, size):
-                rest[k, j] -= value * rest[i, j]
+            value, line = rest[i, k], rest[k, i + 1 :]
+            for j in range(len(line)):
+                line[j] -= value * above[j]
     R[-1, -1] = scale[-1] * np.sqrt(max(rest[-1, -1], 0.0))
     return R
 
 
-@inner_kernel
+@bare_kernel
 def _swap_kernel(matrix: Array, column: Index, i: int, j: int) -> None:
     """Swap rows and columns i and j."""
     column[i], column[j] = column[j], column[i]

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.kernels.local_variables import (
-    hermite_weights,
-    interpolated_local_kernel,
     local_state_kernel,
+    write_hermite_weights,
+    write_interpolated_local,
 )
-from factors.kernels.se3 import Array, compose_exp_kernel, inner_kernel, kernel
+from factors.kernels.se3 import Array, bare_kernel, compose_exp_kernel, kernel
 from factors.structureless.robust_losses import loss_kernel
 
 Index = NDArray[np.int64]
@@ -36,14 +36,15 @@ def poses_between_kernel(
 
     Those beyond the first `count` states are left zero.
     """
-    local_j = np.empty((len(T_states) - 1, 12))
+    local_j, share, local = np.empty((len(T_states) - 1, 12)), np.empty((2, 2, 2)), np.empty(12)
     for i in range(len(local_j)):
         local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
     T = np.zeros((len(a), 4, 4))
     for n in range(len(a)):
         i = first[n]
         if i + 1 < count:
-            local = interpolated_local_kernel(v_states[i], local_j[i], hermite_weights(a[n], b[n]))
+            write_hermite_weights(a[n], b[n], share)
+            write_interpolated_local(v_states[i], local_j[i], share, local)
             compose_exp_kernel(T_states[i], local, T[n])
     return T
 
@@ -103,7 +104,7 @@ def landmarks_kernel(
     return found, distances
 
 
-@inner_kernel
+@bare_kernel
 def landmark_rows_kernel(
     T: Array, i: int, landmarks: Pair, k: int, measured: Array, n: int, sensor: Pair, work: Work
 ) -> None:
@@ -145,7 +146,7 @@ def landmark_rows_kernel(
         rows[r, 8] = a * j02 + b * j12 + by_ahead * j22 + c
 
 
-@inner_kernel
+@bare_kernel
 def _seen_kernel(
     T: Array,
     i: int,
@@ -165,7 +166,7 @@ def _seen_kernel(
     return ahead + by_q0 * q0 + by_q1 * q1 + by_q2 * q2, by_q0, by_q1, by_q2
 
 
-@inner_kernel
+@bare_kernel
 def prior_rows_kernel(T: Array, landmarks: Pair, k: int, known: Known, n: int, work: Work) -> None:
     """Write the error root ((x / z, y / z, 1 / z)(T) - seen) + offset and its derivatives.
 
@@ -179,7 +180,7 @@ def prior_rows_kernel(T: Array, landmarks: Pair, k: int, known: Known, n: int, w
         rows[r, 9] += offset[n, r]
 
 
-@inner_kernel
+@bare_kernel
 def pose_rows_kernel(
     inverse_depth: float, h: Array, by_h: Array, weight: float, rows: Array
 ) -> None:
@@ -198,7 +199,7 @@ def pose_rows_kernel(
             rows[i, j] *= scale
 
 
-@inner_kernel
+@bare_kernel
 def _add_prior_kernel(
     T: Array, landmarks: Pair, k: int, known: Known, n: int, work: Work, system: Array
 ) -> None:
@@ -209,7 +210,7 @@ def _add_prior_kernel(
     _add_square_kernel(rows, 1.0, 0.0, system)
 
 
-@inner_kernel
+@bare_kernel
 def _add_measurement_kernel(
     rows: Array, n: int, weights: Array, loss: Array, system: Array, distances: Array
 ) -> None:
@@ -226,7 +227,7 @@ def _add_measurement_kernel(
     _add_square_kernel(rows, weights[n] * weight, along, system)
 
 
-@inner_kernel
+@bare_kernel
 def _add_square_kernel(rows: Array, weight: float, along: float, system: Array) -> None:
     """Add the weighted [AᵀA Aᵀe] of three rows, and `along` times Aᵀe eᵀA to what Newton's adds."""
     e, f, g = rows[0, 9], rows[1, 9], rows[2, 9]
@@ -252,7 +253,7 @@ def _add_square_kernel(rows: Array, weight: float, along: float, system: Array) 
         system[5, 2] += along * z * z
 
 
-@inner_kernel
+@bare_kernel
 def _step_kernel(system: Array, plain: Array, newton: Array, step: Array) -> float:
     """Write Newton's step (3,), and return its squared length in standard deviations.
 
@@ -280,7 +281,7 @@ def _step_kernel(system: Array, plain: Array, newton: Array, step: Array) -> flo
     return length
 
 
-@inner_kernel
+@bare_kernel
 def _factorize_kernel(A: Array) -> None:
     """L and D of L D Lᵀ, in place of the lower triangle of A (3, 3); L is zero below no pivot."""
     for i in range(3):

@@ -149,10 +149,11 @@ class LandmarkWindow:
     ) -> Array:
         """Return squared Mahalanobis distances (n,) of other measurements from their prediction."""
         at, distance = self.linearized(T_states, v_states), np.full(len(t), np.nan)
-        if not len(at.system.known):
+        determined = at.system.known
+        if not len(determined):
             return distance
-        of = np.minimum(np.searchsorted(self.landmarks.number, number), len(at.system.known) - 1)
-        known = (self.landmarks.number[of] == number) & (at.system.known[of] > 0)
+        of = np.minimum(np.searchsorted(self.landmarks.number, number), len(determined) - 1)
+        known = (self.landmarks.number[of] == number) & determined[of]
         if not known.any():
             return distance
         order, between = np.flatnonzero(known), self.between.at(t)

@@ -21,7 +21,7 @@ from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.linear_states import LinearStatesFactor
 from factors.structureless.fitted_landmarks import Fit, FittedLandmarks
-from factors.structureless.joint_system import JointSystem, root_kernel
+from factors.structureless.joint_system import Eliminated, JointSystem, root_kernel
 from factors.structureless.landmark_prior import LandmarkPrior
 from factors.structureless.multi_landmark import StructurelessStereoFactor
 from factors.structureless.prior_kernels import known_from_kernel
@@ -101,11 +101,11 @@ def marginalize(
     except np.linalg.LinAlgError as error:
         raise ValueError("the states that leave are not determined") from error
     state = T_states[count], v_states[count]
-    keep = np.isin(window.landmarks.number, np.asarray(landmarks)) & (system.known > 0)
+    keep = np.isin(window.landmarks.number, np.asarray(landmarks)) & system.known
     keep &= _are_ahead(fit.points(), T_states[count])
     moved = _moved(drift, window.landmarks)[keep]
     number = window.landmarks.number[keep]
-    prior = _prior(number, fit, system, given, np.flatnonzero(keep), state, moved, shared)
+    prior = _prior(number, fit, system, given, keep, state, moved, shared)
     return Marginal(factor, prior)
 
 
@@ -170,27 +170,41 @@ def _prior(
     fit: Fit,
     system: JointSystem,
     given: _Leaving,
-    keep: Index,
+    keep: NDArray[np.bool_],
     state: tuple[Array, Array],
     moved: Array,
     shared: int,
 ) -> LandmarkPrior:
-    """Make the prior of the landmarks `keep` (P,), given the state at which the window now begins.
+    """Make the prior of the landmarks that are kept (P of L), given the state of its window.
 
     Their coordinates have moved by (P, 3) standard deviations since.
     """
-    by_leaving = np.ascontiguousarray(system.cross[keep, :, :-13])
-    flat = by_leaving.reshape(-1, by_leaving.shape[2])
-    _, vectors = np.linalg.eigh(given.spread.T @ (flat.T @ flat) @ given.spread)
-    # The variables that matter most come first.
-    turn = given.spread @ vectors[:, ::-1]
-    d = min(shared, turn.shape[1])
-    turned = flat @ np.concatenate([turn[:, :d], given.by_next, turn[:, d:]], axis=1)
-    turned[:, d : d + 13] += system.cross[keep, :, -13:].reshape(-1, 13)
-    count = len(number)
+    some = [part.only(keep[part.of]) for part in system.landmarks]
+    turn = _turned(some, given, shared)
+    d, count, place = min(shared, len(turn) - 13), len(number), np.cumsum(keep) - 1
+    own, turned = np.empty((count, 3, 3)), np.empty((count, 3, len(turn)))
+    for part in some:
+        own[place[part.of]] = part.root
+        turned[place[part.of]] = (part.flat @ turn[part.columns]).reshape(-1, *turned.shape[1:])
     seen, root, rows = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3, d + 13))
-    own, turned = system.root[keep], turned.reshape(count, 3, turned.shape[1])
     known_from_kernel(
         state[0], fit.charts[keep], fit.coordinates[keep], own, turned, moved, seen, root, rows
     )
     return LandmarkPrior(number, seen, root, rows, *state)
+
+
+def _turned(some: list[Eliminated], given: _Leaving, shared: int) -> Array:
+    """(Y + 13, Y + 13) that makes the variables that matter most, the next state and the error.
+
+    All others come after them.
+    """
+    count = len(given.spread)
+    square = np.zeros((count + 13, count + 13))
+    for part in some:
+        square[part.columns[:, None], part.columns] += part.flat.T @ part.flat
+    _, vectors = np.linalg.eigh(given.spread.T @ square[:count, :count] @ given.spread)
+    turn, d = given.spread @ vectors[:, ::-1], min(shared, count)
+    found = np.zeros_like(square)
+    found[:count] = np.concatenate([turn[:, :d], given.by_next, turn[:, d:]], axis=1)
+    found[count:, d : d + 13] = np.eye(13)
+    return found

@@ -7,7 +7,7 @@ import numpy as np
 from factors.kernels.se3 import (
     RIGHT,
     Array,
-    inner_kernel,
+    bare_kernel,
     inverse_coefficients_kernel,
     kernel,
     log_kernel,
@@ -147,7 +147,7 @@ def known_from_kernel(
         solve_lower_kernel(noise, rows[k])
 
 
-@inner_kernel
+@bare_kernel
 def _inverse_kernel(rows: Array, inverse: Array) -> None:
     """Write the inverse (3, 3) of the columns 6 to 8 of rows (3, 10)."""
     for i in range(3):

@@ -11,7 +11,7 @@ from typing import Any
 import gtsam
 import numpy as np
 
-from factors.kernels.se3 import Array, inner_kernel, kernel
+from factors.kernels.se3 import Array, bare_kernel, kernel
 
 SQUARE, HUBER, CAUCHY, GEMAN_MCCLURE = 0.0, 1.0, 2.0, 3.0
 _FAR = 2.0**100  # no rounding: a power of two
@@ -73,7 +73,7 @@ def losses_kernel(distances: Array, parameters: Array) -> tuple[Array, Array]:
     return losses, weights
 
 
-@inner_kernel
+@bare_kernel
 def loss_kernel(square: float, parameters: Array) -> tuple[float, float, float]:
     """The loss of an error d of this square, its weight loss'(d) / d, and loss''(d)."""
     kind, k2 = parameters[0], parameters[1] * parameters[1]

@@ -13,6 +13,8 @@ from factors.kernels.local_variables import (
     local_jacobian_kernel,
     local_state_kernel,
     retract_kernel,
+    write_hermite_weights,
+    write_interpolated_local,
 )
 from factors.kernels.se3 import (
     Array,
@@ -55,13 +57,14 @@ def measurement_rows_kernel(
     result, by_landmark = np.empty((len(order), 3, 31)), np.empty((len(order), 3, 3))
     h, by_h, rows, chained = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.empty((3, 30))
     landmarks, sensor, work = (charts, coordinates), (camera, whitening), (h, by_h, rows)
+    share, local = np.empty((2, 2, 2)), np.empty(12)
     for m in range(len(order)):
         n = order[m]
         i, k = first[n], of[n]
         landmark_rows_kernel(T, n, landmarks, k, measured, n, sensor, work)
         pose_rows_kernel(coordinates[k, 2], h, by_h, weights[n], rows)
-        share = hermite_weights(a[n], b[n])
-        local = interpolated_local_kernel(v_states[i], local_j[i], share)
+        write_hermite_weights(a[n], b[n], share)
+        write_interpolated_local(v_states[i], local_j[i], share, local)
         chain_rule_kernel(rows, local, by_states_j[i], share, chained)
         for r in range(3):
             for c in range(30):
@@ -107,12 +110,13 @@ def add_square_kernel(square: Array, state: float, latent: float, rank: float, H
 
 
 @kernel
-def add_cross_products_kernel(
+def add_products_kernel(
     of: Index,
     state: Index,
     latent: Index,
     rank: Index,
-    J: Array,
+    rows: Array,
+    gains: Array,
     by_landmark: Array,
     cross: Array,
     own: Array,
@@ -123,17 +127,19 @@ def add_cross_products_kernel(
     latent[m], see `spread_rows_kernel`; the last one is the error's. `own` is (L, 3, 3).
     """
     for m in range(len(of)):
-        k, width = of[m], 6 * rank[m]
-        a, b, c = J[m, 0], J[m, 1], J[m, 2]
+        k, r, a, b, c = of[m], rank[m], rows[m, 0], rows[m, 1], rows[m, 2]
+        gain = gains[m, :r]
         for p in range(3):
             x, y, z = by_landmark[m, 0, p], by_landmark[m, 1, p], by_landmark[m, 2, p]
             line = cross[k, p]
-            both, between = line[state[m] : state[m] + 24], line[latent[m] : latent[m] + width]
+            both, between = line[state[m] : state[m] + 24], line[latent[m] : latent[m] + 6 * r]
             for j in range(24):
                 both[j] += x * a[j] + y * b[j] + z * c[j]
-            for j in range(width):
-                between[j] += x * a[24 + j] + y * b[24 + j] + z * c[24 + j]
-            line[-1] += x * a[-1] + y * b[-1] + z * c[-1]
+            for j in range(6):
+                value = x * a[24 + j] + y * b[24 + j] + z * c[24 + j]
+                for g in range(r):
+                    between[j * r + g] += value * gain[g]
+            line[-1] += x * a[30] + y * b[30] + z * c[30]
             for s in range(3):
                 own[k, p, s] += (
                     x * by_landmark[m, 0, s] + y * by_landmark[m, 1, s] + z * by_landmark[m, 2, s]
@@ -193,12 +199,13 @@ def states_between_kernel(
     The next state is b (n,) seconds later. They deviate by (n, 12) in local variables around the
     first state from the interpolation.
     """
-    local_j = np.empty((len(T_states) - 1, 12))
+    local_j, share, local = np.empty((len(T_states) - 1, 12)), np.empty((2, 2, 2)), np.empty(12)
     for i in range(len(local_j)):
         local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
     for n in range(len(a)):
         i = first[n]
-        local = interpolated_local_kernel(v_states[i], local_j[i], hermite_weights(a[n], b[n]))
+        write_hermite_weights(a[n], b[n], share)
+        write_interpolated_local(v_states[i], local_j[i], share, local)
         for m in range(12):
             local[m] += deviation[n, m]
         retract_kernel(T_states[i], local, T[n], v[n])

@@ -16,6 +16,7 @@ from graphs import CAMERA, NOISE, QC, random_states
 from gtsam.symbol_shorthand import B, L, V, X
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba.core.runtime import _nrt_python, rtsys
 
 from factors import (
     EuclideanVelocityFactor,
@@ -102,6 +103,19 @@ def test_a_value_of_another_size_is_an_error_that_names_it(name: str, size: int)
         for use in (factor.error, factor.linearize, factor.whitenedError):
             with pytest.raises((ValueError, RuntimeError), match=fault):
                 use(values_of({key: size}))
+
+
+@each_factor
+def test_kernels_free_what_they_allocate(name: str) -> None:
+    values = good_values()
+    FACTORS[name]().linearize(values)
+    _nrt_python.memsys_enable_stats()
+    before = rtsys.get_allocation_stats()
+    for _ in range(3):
+        FACTORS[name]().linearize(values)
+    gc.collect()
+    after = rtsys.get_allocation_stats()
+    assert after.alloc - before.alloc == after.free - before.free
 
 
 @each_factor
