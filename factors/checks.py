@@ -150,8 +150,9 @@ def checked_positive_definite(name: str, given: ArrayLike, n: int) -> Array:
     if not n or array.shape not in ((n,), (n, n)) or not np.isfinite(array).all():
         raise ValueError(f"{name} must be {n} or {n} x {n} finite numbers, not {array}")
     matrix = np.diag(array) if array.ndim == 1 else array
-    symmetric = np.allclose(matrix, matrix.T, rtol=1e-12, atol=0)
-    if not (symmetric and np.linalg.eigvalsh(matrix)[0] > 0):
+    symmetric = (np.abs(matrix - matrix.T) <= 1e-12 * np.abs(matrix)).all()
+    least = array.min() if array.ndim == 1 else np.linalg.eigvalsh(matrix)[0]
+    if not (symmetric and least > 0):
         raise ValueError(f"{name} must be symmetric and positive definite, not {array}")
     return matrix
 

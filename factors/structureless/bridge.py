@@ -84,26 +84,36 @@ class Bridge:
         return bridge_covariance(times, times, self.duration) - explained
 
 
+@kernel
 def bridge_covariance(a: Array, b: Array, duration: float) -> Array:
     """(2, 2, m, n) covariance of (xi, w) at times a (m,) with (xi, w) at times b (n,).
 
     Per unit of power spectral density, given the states at 0 and at `duration`, seconds.
     """
-    end = np.array([duration])
-    a_end, b_end = _wiener_covariance(a, end)[..., 0], _wiener_covariance(b, end)[..., 0]
-    at_end = np.array([[duration**3 / 3, duration**2 / 2], [duration**2 / 2, duration]])
-    known = np.einsum("ikm,kl,jln->ijmn", a_end, np.linalg.inv(at_end), b_end)
-    return _wiener_covariance(a, b) - known
+    result = np.empty((2, 2, len(a), len(b)))
+    d, at_a, at_b, known = duration, np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 2))
+    for m in range(len(a)):
+        _wiener_kernel(a[m], d, at_a)
+        for n in range(len(b)):
+            _wiener_kernel(b[n], d, at_b)
+            _wiener_kernel(a[m], b[n], known)
+            for i in range(2):
+                x, w = at_a[i, 0], at_a[i, 1]
+                by_x, by_w = (12 * x / d - 6 * w) / (d * d), (4 * w - 6 * x / d) / d
+                for j in range(2):
+                    explained = by_x * at_b[j, 0] + by_w * at_b[j, 1]
+                    result[i, j, m, n] = known[i, j] - explained
+    return result
 
 
-def _wiener_covariance(a: Array, b: Array) -> Array:
-    """Return the covariance of `bridge_covariance`, given the state at 0 alone."""
-    a, b = a[:, None], b[None, :]
-    first = np.minimum(a, b)
-    xi_xi = first**2 * (3 * np.maximum(a, b) - first) / 6
-    xi_w = np.where(a <= b, a**2 / 2, b * (a - b / 2))
-    w_xi = np.where(b <= a, b**2 / 2, a * (b - a / 2))
-    return np.array([[xi_xi, xi_w], [w_xi, first + 0 * (a + b)]])
+@bare_kernel
+def _wiener_kernel(a: float, b: float, covariance: Array) -> None:
+    """Write the covariance (2, 2) of `bridge_covariance`, given the state at 0 alone."""
+    first, last = min(a, b), max(a, b)
+    covariance[0, 0] = first * first * (3 * last - first) / 6
+    covariance[0, 1] = a * a / 2 if a <= b else b * (a - b / 2)
+    covariance[1, 0] = b * b / 2 if b <= a else a * (b - a / 2)
+    covariance[1, 1] = first
 
 
 @kernel

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.stereo import StereoCamera
-from factors.structureless.landmark_kernels import landmarks_kernel
+from factors.structureless.identities import increasing
+from factors.structureless.landmark_kernels import landmarks_kernel, nearest_kernel
 from factors.structureless.landmark_prior import LandmarkPrior
 from factors.structureless.robust_losses import Loss
 
@@ -83,16 +84,15 @@ class FittedLandmarks:
         self._whitening = gaussian.Whiten(np.eye(3))
         self.whitening = self.whitening_of(deviations)
         self.loss, self.measured, self.camera = Loss(model), measured, camera.parameters
-        self.number = np.union1d(number, prior.number)
+        self.number = increasing(number, prior.number)
         self.of = np.searchsorted(self.number, number)
         self.start = np.searchsorted(number, np.append(self.number, np.iinfo(np.int64).max))
         self.prior_of = np.full(len(self.number), -1)
         self.prior_of[np.searchsorted(self.number, prior.number)] = np.arange(len(prior))
         self._prior, self._with_prior = prior, self.prior_of >= 0
-        nearest = np.lexsort((measured[:, 2], self.of))
         self._measured = np.flatnonzero(np.diff(self.start))
         self.redundancy = 3 * (len(measured) - len(self._measured))
-        self._nearest = nearest[self.start[1:][self._measured] - 1]
+        self._nearest = nearest_kernel(self.start, measured)[self._measured]
         self._initial = np.empty((len(self.number), 3))
         self._initial[self._measured] = camera.inverse_depth(measured[self._nearest])
         self._initial[self._with_prior] = prior.seen[self.prior_of[self._with_prior]]

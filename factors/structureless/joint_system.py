@@ -66,7 +66,7 @@ class Rows:
         """Number of states."""
         return len(self.bridges) + 1
 
-    @property
+    @cached_property
     def latent(self) -> Index:
         """First column of each bridge's variables, and the first column after all of them."""
         return 6 * np.cumsum([0, *(bridge.rank for bridge in self.bridges)])
@@ -255,18 +255,16 @@ def _add_measurements(
     found: Rows, place: Index, shared: int, H: Array, cross: Array, own: Array
 ) -> None:
     """Add JᵀJ of all columns to H, of the landmarks' with the others to `cross`, and to `own`."""
-    interval, rank = found.interval, np.array([bridge.rank for bridge in found.bridges])
-    latent, gains = found.latent, np.zeros((len(interval), int(rank.max())))
-    ends = np.searchsorted(interval, np.arange(found.states)).tolist()
+    latent = found.latent.tolist()
+    ends = np.searchsorted(found.interval, np.arange(found.states)).tolist()
     for i, bridge in enumerate(found.bridges):
-        gains[ends[i] : ends[i + 1], : bridge.rank] = bridge.gains
-    J = spread_rows_kernel(found.rows, rank[interval], gains)
-    for i, bridge in enumerate(found.bridges):
-        flat = J[ends[i] : ends[i + 1]].reshape(-1, J.shape[2])
-        columns = shared + 12.0 * i, float(latent[i]), float(bridge.rank)
+        part = slice(ends[i], ends[i + 1])
+        rows, columns = found.rows[part], (shared + 12.0 * i, float(latent[i]))
+        J = spread_rows_kernel(rows, bridge.gains)
+        flat = J.reshape(-1, J.shape[2])
         add_square_kernel(flat.T @ flat, *columns, H)
-    places = place[found.of], shared + 12 * interval, latent[interval], rank[interval]
-    add_products_kernel(*places, found.rows, gains, found.by_landmark, cross, own)
+        products = place[found.of[part]], *columns, rows, bridge.gains, found.by_landmark[part]
+        add_products_kernel(*products, cross, own)
 
 
 def _add_prior(

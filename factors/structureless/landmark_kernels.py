@@ -50,6 +50,17 @@ def poses_between_kernel(
 
 
 @kernel
+def nearest_kernel(start: Index, measured: Array) -> Index:
+    """(L,) the nearest measurement of each landmark: of the largest disparity, -1 for none."""
+    nearest = np.full(len(start) - 1, -1)
+    for k in range(len(nearest)):
+        for n in range(start[k], start[k + 1]):
+            if nearest[k] < 0 or measured[n, 2] >= measured[nearest[k], 2]:
+                nearest[k] = n
+    return nearest
+
+
+@kernel
 def landmarks_kernel(
     T: Array,
     charts: Array,

@@ -21,6 +21,7 @@ from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.linear_states import LinearStatesFactor
 from factors.structureless.fitted_landmarks import Fit, FittedLandmarks
+from factors.structureless.identities import are_in, increasing
 from factors.structureless.joint_system import Eliminated, JointSystem, root_kernel
 from factors.structureless.landmark_prior import LandmarkPrior
 from factors.structureless.multi_landmark import StructurelessStereoFactor
@@ -101,11 +102,11 @@ def marginalize(
     except np.linalg.LinAlgError as error:
         raise ValueError("the states that leave are not determined") from error
     state = T_states[count], v_states[count]
-    keep = np.isin(window.landmarks.number, np.asarray(landmarks)) & system.known
+    number = window.landmarks.number
+    keep = are_in(increasing(np.asarray(landmarks)), number) & system.known
     keep &= _are_ahead(fit.points(), T_states[count])
     moved = _moved(drift, window.landmarks)[keep]
-    number = window.landmarks.number[keep]
-    prior = _prior(number, fit, system, given, keep, state, moved, shared)
+    prior = _prior(number[keep], fit, system, given, keep, state, moved, shared)
     return Marginal(factor, prior)
 
 

@@ -139,7 +139,7 @@ class StructurelessStereoFactor(Factor):
                 "T_body_cam must not be given with qc or prior: these are the camera's"
             )
         order = np.lexsort((t, number))
-        self._place = np.argsort(order)
+        self._order = order
         every = not (qc is None and prior is None)
         between = BracketingStates(t[order], named_states, every, T_mount)
         prior = LandmarkPrior.none() if prior is None else prior
@@ -173,7 +173,7 @@ class StructurelessStereoFactor(Factor):
 
     def residuals(self, values: gtsam.Values) -> Array:
         """Return the errors (n, 3) of the measurements, predicted less measured, pixels."""
-        return self.window.residuals(*self.window.between.read(values))[self._place]
+        return self.window.residuals(*self.window.between.read(values))[np.argsort(self._order)]
 
     def squared_distances(
         self,

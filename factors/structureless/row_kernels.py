@@ -76,14 +76,14 @@ def measurement_rows_kernel(
 
 
 @kernel
-def spread_rows_kernel(rows: Array, rank: Index, gains: Array) -> Array:
+def spread_rows_kernel(rows: Array, gains: Array) -> Array:
     """Rows (n, 3, 25 + 6 r) whose columns are both states, the variables of xi, and the error.
 
-    Measurement m determines each component of xi by rank[m] variables, at most r, with gains[m].
+    Each of n measurements determines each component of xi by r variables with its gains (n, r).
     """
-    J = np.zeros((len(rows), 3, 25 + 6 * gains.shape[1]))
+    r = gains.shape[1]
+    J = np.empty((len(rows), 3, 25 + 6 * r))
     for m in range(len(rows)):
-        r = rank[m]
         for i in range(3):
             line, found = J[m, i], rows[m, i]
             for j in range(24):
@@ -96,15 +96,15 @@ def spread_rows_kernel(rows: Array, rank: Index, gains: Array) -> Array:
 
 
 @kernel
-def add_square_kernel(square: Array, state: float, latent: float, rank: float, H: Array) -> None:
-    """Add JᵀJ of rows between two states, whose columns in H begin there, of this rank, to H."""
-    last, width, w = len(H) - 1, len(square) - 1, 24 + 6 * int(rank)
-    for i in range(w + 1):
-        row = int(state) + i if i < 24 else int(latent) + i - 24 if i < w else last
-        line = square[i if i < w else width]
+def add_square_kernel(square: Array, state: float, latent: float, H: Array) -> None:
+    """Add JᵀJ of rows between two states, whose columns in H begin there, to H."""
+    last, width = len(H) - 1, len(square) - 1
+    for i in range(width + 1):
+        row = int(state) + i if i < 24 else int(latent) + i - 24 if i < width else last
+        line = square[i]
         for j in range(24):
             H[row, int(state) + j] += line[j]
-        for j in range(24, w):
+        for j in range(24, width):
             H[row, int(latent) + j - 24] += line[j]
         H[row, last] += line[width]
 
@@ -112,9 +112,8 @@ def add_square_kernel(square: Array, state: float, latent: float, rank: float, H
 @kernel
 def add_products_kernel(
     of: Index,
-    state: Index,
-    latent: Index,
-    rank: Index,
+    state: float,
+    latent: float,
     rows: Array,
     gains: Array,
     by_landmark: Array,
@@ -123,16 +122,16 @@ def add_products_kernel(
 ) -> None:
     """Add products of the Jacobians of landmarks with all others, and with themselves.
 
-    Measurement m is of landmark of[m]. Its columns in `cross` (L, 3, size) begin at state[m] and at
-    latent[m], see `spread_rows_kernel`; the last one is the error's. `own` is (L, 3, 3).
+    Measurement m is of landmark of[m]. Columns in `cross` (L, 3, size) begin at `state` and at
+    `latent`, see `spread_rows_kernel`; the last one is the error's. `own` is (L, 3, 3).
     """
+    r, start, begin = gains.shape[1], int(state), int(latent)
     for m in range(len(of)):
-        k, r, a, b, c = of[m], rank[m], rows[m, 0], rows[m, 1], rows[m, 2]
-        gain = gains[m, :r]
+        k, a, b, c, gain = of[m], rows[m, 0], rows[m, 1], rows[m, 2], gains[m]
         for p in range(3):
             x, y, z = by_landmark[m, 0, p], by_landmark[m, 1, p], by_landmark[m, 2, p]
             line = cross[k, p]
-            both, between = line[state[m] : state[m] + 24], line[latent[m] : latent[m] + 6 * r]
+            both, between = line[start : start + 24], line[begin : begin + 6 * r]
             for j in range(24):
                 both[j] += x * a[j] + y * b[j] + z * c[j]
             for j in range(6):

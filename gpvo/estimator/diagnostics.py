@@ -101,9 +101,10 @@ def split_usable(
     usable = np.ones(len(t), bool)
     diagnostics: list[Diagnostic] = []
     for reason, wrong in reasons.items():
-        left_out = measurements[wrong & usable]
-        diagnostics += diagnostics_of(left_out, f"{reason}: measurement left out")
-        usable &= ~wrong
+        if wrong.any():
+            left_out = measurements[wrong & usable]
+            diagnostics += diagnostics_of(left_out, f"{reason}: measurement left out")
+            usable &= ~wrong
     return measurements[usable], diagnostics
 
 

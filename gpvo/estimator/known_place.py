@@ -30,6 +30,8 @@ class PoseInWorld:
 
     def carried_to(self, T_world_cam: Array) -> Array:
         """Return what poses (N, 4, 4) are uncertain by as this one is, (N, 6, 6)."""
+        if not self.covariance.any():
+            return np.zeros((len(T_world_cam), 6, 6))
         moved = self.adjoint_to(T_world_cam)
         return np.asarray(moved @ self.covariance @ moved.transpose(0, 2, 1))
 

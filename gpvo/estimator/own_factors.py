@@ -77,6 +77,8 @@ class OwnFactors:
 
     def add_to(self, update: GraphUpdate, window: NumberedStates) -> list[Diagnostic]:
         """Add the waiting factors to an update; return a diagnostic for each one that fails."""
+        if not self.new:
+            return []
         diagnostics, t = [], float(window.states.t[-1])
         values = window.values()
         ahead = [waiting for waiting in self.new if waiting.t is not None and waiting.t > t]
@@ -125,8 +127,8 @@ def factors_that_leave(
     found = gtsam.NonlinearFactorGraph()
     if leaving == 0:
         return found
-    outside = set(window.until(leaving).values().keys())
-    inside = outside | set(window.until(leaving + 1).values().keys())
+    outside = {key(k) for k in window.numbers[:leaving] for key in (X, V)}
+    inside = outside | {key(window.numbers[leaving]) for key in (X, V)}
     numbered = ((i, in_graph.at(i)) for i in range(in_graph.size()))
     known = [factor for i, factor in numbered if factor is not None and i != except_for]
     for factor in (*known, *update.factors):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import LandmarkPrior, StatesBetween, StructurelessStereoFactor, marginalize
+from factors.structureless.identities import are_in, increasing, repeated
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
 from gpvo.estimator.state_times import SAME_TIME
@@ -85,9 +86,9 @@ class WindowLandmarks:
         """Make the factor of all measurements and the prior; None if they measure no motion."""
         if len(window.states) < 2:
             return None
-        number, count = np.unique(self.measurements.landmark, return_counts=True)
-        known = np.union1d(number[count >= 2], self._prior.number)
-        used = self.measurements[np.isin(self.measurements.landmark, known)]
+        landmark = self.measurements.landmark
+        known = increasing(repeated(landmark), self._prior.number)
+        used = self.measurements[are_in(known, landmark)]
         if len(used) + len(self._prior) == 0:
             return None
         return self._build.structureless(window.numbers, window.states.t, used, self._prior)
@@ -126,30 +127,35 @@ class WindowLandmarks:
         reaches = self._factor is not None and leaving < self._state_count
         factor = self._factor if reaches and not late else self.factor_of(window)
         if factor is not None:
-            number, tracked = factor.landmark_numbers, np.unique(self.measurements.landmark[stays])
-            lost = np.setdiff1d(number, np.union1d(self._lost, tracked))
+            number, tracked = factor.landmark_numbers, self.measurements.landmark[stays]
+            away = ~are_in(increasing(tracked), number)
+            lost = away & ~self._are_lost(number)
             drift = self._drift(number, lost, start - window.states.t[0])
-            self._remember(lost, np.setdiff1d(number, tracked))
-            kept = np.union1d(tracked, self._lost)
+            self._remember(number[lost], number[away])
+            kept = number[~away | self._are_lost(number)]
             marginal = marginalize(factor, window.values(), leaving, others, kept, drift)
             update.add_factors([marginal.factor])
             self._prior = marginal.prior
         self.measurements = self.measurements[stays]
 
-    def _drift(self, number: Index, lost: Index, duration: float) -> Array:
+    def _are_lost(self, number: Index) -> NDArray[np.bool_]:
+        """Tell which landmarks (L,) were lost, and are remembered."""
+        return are_in(np.sort(self._lost), number)
+
+    def _drift(self, number: Index, lost: NDArray[np.bool_], duration: float) -> Array:
         """(L, 3) standard deviations of what landmarks have moved in some seconds, pixels.
 
-        A track walks at random on its landmark. One that is lost now may be found again elsewhere
-        on it, and stays what it is meanwhile.
+        A track walks at random on its landmark. One that is lost now (L,) may be found again
+        elsewhere on it, and stays what it is meanwhile.
         """
         walk = self._build.noise.track_drift * np.sqrt(duration)
-        jump = np.isin(number, lost) * self._build.noise.known_again
-        moves = ~np.isin(number, self._lost)
+        jump = lost * self._build.noise.known_again
+        moves = ~self._are_lost(number)
         return np.repeat(np.hypot(walk * moves, jump)[:, None], 3, axis=1)
 
     def _remember(self, lost: Index, away: Index) -> None:
         """Remember landmarks that are lost now, and the latest of the others still away."""
-        lost = np.concatenate([self._lost[np.isin(self._lost, away)], lost])
+        lost = np.concatenate([self._lost[are_in(away, self._lost)], lost])
         self._lost = lost[max(len(lost) - self._build.config.lost_landmarks, 0) :]
 
     def _follow(self, update: GraphUpdate, window: NumberedStates) -> None:
