@@ -92,6 +92,8 @@ class Eliminated(NamedTuple):
 
     def only(self, keep: NDArray[np.bool_]) -> Eliminated:
         """Return those that are kept (n,)."""
+        if keep.all():
+            return self
         of, columns, *arrays = self
         return Eliminated(of[keep], columns, *(array[keep] for array in arrays))
 

@@ -126,9 +126,7 @@ class LandmarkWindow:
         moved = StatesBetween.moved_by(at.T_states, at.v_states, T_states, v_states)
         qc_root = np.zeros(6) if self.qc_root is None else self.qc_root
         states = self.between.t, T_states, v_states
-        return StatesBetween.given(
-            at.system, at.bridges, moved, np.unique(self.t), qc_root, *states
-        )
+        return StatesBetween.given(at.system, at.bridges, moved, self.t, qc_root, *states)
 
     def residuals(self, T_states: Array, v_states: Array) -> Array:
         """Return the errors (n, 3) of the measurements from the landmarks that fit best."""

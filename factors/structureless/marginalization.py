@@ -105,7 +105,7 @@ def marginalize(
     number = window.landmarks.number
     keep = are_in(increasing(np.asarray(landmarks)), number) & system.known
     keep &= _are_ahead(fit.points(), T_states[count])
-    moved = _moved(drift, window.landmarks)[keep]
+    moved = _moved(drift, window.landmarks)
     prior = _prior(number[keep], fit, system, given, keep, state, moved, shared)
     return Marginal(factor, prior)
 
@@ -178,20 +178,17 @@ def _prior(
 ) -> LandmarkPrior:
     """Make the prior of the landmarks that are kept (P of L), given the state of its window.
 
-    Their coordinates have moved by (P, 3) standard deviations since.
+    Coordinates have moved by (L, 3) standard deviations since.
     """
     some = [part.only(keep[part.of]) for part in system.landmarks]
-    turn = _turned(some, given, shared)
-    d, count, place = min(shared, len(turn) - 13), len(number), np.cumsum(keep) - 1
-    own, turned = np.empty((count, 3, 3)), np.empty((count, 3, len(turn)))
+    turn, place = _turned(some, given, shared), np.cumsum(keep) - 1
+    d, count = min(shared, len(turn) - 13), len(number)
+    found = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3, d + 13))
     for part in some:
-        own[place[part.of]] = part.root
-        turned[place[part.of]] = (part.flat @ turn[part.columns]).reshape(-1, *turned.shape[1:])
-    seen, root, rows = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3, d + 13))
-    known_from_kernel(
-        state[0], fit.charts[keep], fit.coordinates[keep], own, turned, moved, seen, root, rows
-    )
-    return LandmarkPrior(number, seen, root, rows, *state)
+        turned = (part.flat @ turn[part.columns]).reshape(-1, 3, len(turn))
+        places, known = (part.of, place[part.of]), (fit.charts, fit.coordinates, moved)
+        known_from_kernel(state[0], *places, *known, part.root, turned, *found)
+    return LandmarkPrior(number, *found, *state)
 
 
 def _turned(some: list[Eliminated], given: _Leaving, shared: int) -> Array:

@@ -98,20 +98,22 @@ def add_prior_products_kernel(
 @kernel
 def known_from_kernel(
     T_now: Array,
+    of: Index,
+    place: Index,
     charts: Array,
     coordinates: Array,
+    moved: Array,
     own: Array,
     turned: Array,
-    moved: Array,
     seen: Array,
     root: Array,
     rows: Array,
 ) -> None:
-    """Write what is known of landmarks (P,) as they are seen from a pose.
+    """Write what is known of landmarks `of` (n,) as they are seen from a pose, at their place (n,).
 
-    Their own rows (P, 3, 3) are with respect to coordinates in the charts; `turned` holds those of
-    the variables that are kept (d), of the state there (12), of the error, and of the other
-    variables, which only add noise, as the move of the coordinates by (P, 3) deviations does.
+    Their own rows (n, 3, 3) are with respect to coordinates (L, 3) in the charts; `turned` holds
+    those of the variables that are kept (d), of the state there (12), of the error, and of the
+    other variables, which only add noise, as the move of the coordinates by (L, 3) deviations does.
     Written are the coordinates (P, 3), and the rows of these (P, 3, 3) and of the first d + 12 + 1
     columns, the noise being one.
     """
@@ -120,31 +122,32 @@ def known_from_kernel(
     zero, eye = np.zeros((1, 3)), np.eye(3).reshape(1, 3, 3)
     known, width = (zero, eye, zero, np.array([1.0, 1.0, 0.0, 0.0, 1.0])), rows.shape[2]
     T, landmarks = T_now.reshape(1, 4, 4), (charts, coordinates)
-    for k in range(len(seen)):
+    for n in range(len(of)):
+        k, p = of[n], place[n]
         prior_rows_kernel(T, landmarks, k, known, 0, (h, by_h, found))
         pose_rows_kernel(coordinates[k, 2], h, by_h, 1.0, found)
         _inverse_kernel(found, inverse)
         for i in range(3):
-            seen[k, i] = found[i, 9]
+            seen[p, i] = found[i, 9]
             for j in range(3):
-                root[k, i, j] = 0.0
+                root[p, i, j] = 0.0
                 for m in range(3):
-                    root[k, i, j] += own[k, i, m] * inverse[m, j]
+                    root[p, i, j] += own[n, i, m] * inverse[m, j]
             for j in range(width):
-                rows[k, i, j] = turned[k, i, j]
+                rows[p, i, j] = turned[n, i, j]
             for j in range(6):
                 for m in range(3):
-                    rows[k, i, width - 13 + j] -= root[k, i, m] * found[m, j]
+                    rows[p, i, width - 13 + j] -= root[p, i, m] * found[m, j]
         for i in range(3):
             for j in range(i + 1):
                 noise[i, j] = 1.0 if i == j else 0.0
                 for m in range(3):
-                    noise[i, j] += root[k, i, m] * root[k, j, m] * moved[k, m] * moved[k, m]
+                    noise[i, j] += root[p, i, m] * root[p, j, m] * moved[k, m] * moved[k, m]
                 for m in range(width, turned.shape[2]):
-                    noise[i, j] += turned[k, i, m] * turned[k, j, m]
+                    noise[i, j] += turned[n, i, m] * turned[n, j, m]
         factorize_kernel(noise)
-        solve_lower_kernel(noise, root[k])
-        solve_lower_kernel(noise, rows[k])
+        solve_lower_kernel(noise, root[p])
+        solve_lower_kernel(noise, rows[p])
 
 
 @bare_kernel

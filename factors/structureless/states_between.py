@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +23,13 @@ class StatesBetween:
 
     Attributes
     ----------
-    t
-        (n,) increasing times of measurements, seconds.
+    measured
+        (n,) times of measurements, seconds.
     t_states, T_states, v_states
         (m,), (m, 4, 4) and (m, 6) states of the graph.
     """
 
-    t: Array
+    measured: Array
     t_states: Array
     T_states: Array
     v_states: Array
@@ -48,7 +49,7 @@ class StatesBetween:
         system: JointSystem,
         bridges: list[Bridge],
         moved: Array,
-        t: Array,
+        measured: Array,
         qc_root: Array,
         t_states: Array,
         T_states: Array,
@@ -56,7 +57,12 @@ class StatesBetween:
     ) -> StatesBetween:
         """The states, given a step (12 m,) since the system was linearised."""
         mean = system.shared_mean(moved)
-        return StatesBetween(t, t_states, T_states, v_states, bridges, system, mean, qc_root)
+        return StatesBetween(measured, t_states, T_states, v_states, bridges, system, mean, qc_root)
+
+    @cached_property
+    def t(self) -> Array:
+        """(m,) increasing times of measurements, each once."""
+        return np.unique(self.measured)
 
     def states(self, t: Array | None = None) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and twists (n, 6) at times (n,) within the states, by default at `t`.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_adjoint, se3_inverse, se3_log, se3_right_jacobian_inverse
 from factors.wnoa import information_root
+from gpvo.estimator.isam2 import pairs_of_neighbours
 from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
@@ -81,17 +82,13 @@ def relative_spread(states: States, covariance: Array, root: Array) -> Array:
     one's error is seen from the second, hence the adjoint.
     """
     T, dt = states.T_world_cam, np.diff(states.t)
-    seen_later = se3_adjoint(se3_inverse(se3_inverse(T[:-1]) @ T[1:]))
-    spread = np.empty((len(dt), 6))
-    for k in range(len(dt)):
-        jacobian = np.zeros((2, 6, 24))
-        jacobian[0, :, :6], jacobian[0, :, 12:18] = -seen_later[k], np.eye(6)
-        jacobian[0, :, 6:12] = -dt[k] * np.eye(6)
-        jacobian[1, :, 6:12], jacobian[1, :, 18:] = -np.eye(6), np.eye(6)
-        white = np.einsum("ab,bin->ain", root[k], jacobian)
-        joint = covariance[12 * k : 12 * k + 24, 12 * k : 12 * k + 24]
-        spread[k] = ((white @ joint) * white).sum(axis=(0, 2))
-    return spread
+    jacobian = np.zeros((len(dt), 2, 6, 24))
+    jacobian[:, 0, :, :6] = -se3_adjoint(se3_inverse(se3_inverse(T[:-1]) @ T[1:]))
+    jacobian[:, 0, :, 6:12], jacobian[:, 0, :, 12:18] = -dt[:, None, None] * np.eye(6), np.eye(6)
+    jacobian[:, 1, :, 6:12], jacobian[:, 1, :, 18:] = -np.eye(6), np.eye(6)
+    white = np.einsum("kab,kbin->kain", root, jacobian).reshape(-1, 12, 24)
+    variances = (white @ pairs_of_neighbours(covariance) * white).sum(axis=2)
+    return np.asarray(variances.reshape(-1, 2, 6).sum(axis=1))
 
 
 def wnoa_errors(states: States) -> Array:

@@ -43,7 +43,7 @@ def key_times(last: float, measured: Array, stop: float, interval: float) -> Arr
     if stop - last <= SAME_TIME:
         return np.empty(0)
     inside = measured[(measured > last + SAME_TIME) & (measured < stop - SAME_TIME)]
-    points = np.concatenate([[last], np.unique(inside), [stop]])
+    points = np.concatenate([[last], np.sort(inside), [stop]])
     gaps = np.flatnonzero(np.diff(points) > interval)
     starts, ends = points[np.append(0, gaps + 1)], points[np.append(gaps, len(points) - 1)]
     times: list[float] = []

@@ -108,7 +108,7 @@ class WindowLandmarks:
         """Return the states at unique times, given those of the window as they are now."""
         if self._factor is None:
             return None
-        return self._factor.states_between(window.values())
+        return self._factor.window.states_between(window.states.T_world_cam, window.states.twist)
 
     def _let_go(
         self,
@@ -168,7 +168,7 @@ def merged_states(keys: States, between: StatesBetween | None, measured: Array) 
     """Return key states and those at the measured times (N,) between them, in order of time."""
     if len(keys) < 2:
         return keys
-    t = np.unique(measured[(measured > keys.t[0]) & (measured < keys.t[-1])])
+    t = np.sort(measured[(measured > keys.t[0]) & (measured < keys.t[-1])])
     if len(t) == 0:
         return keys
     before, after = bracket(keys.t, t)

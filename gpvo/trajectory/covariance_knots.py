@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.wnoa import kronecker
+
 Array = NDArray[np.float64]
 
 
@@ -83,7 +85,7 @@ class CovarianceKnots:
         dt = self.t[-1] - self.t[0]
         s, r = a / dt, b / dt
         small = [[s * s * (1 + 2 * r), -s * s * b], [6 * s * r / dt, s * (1 - 3 * r)]]
-        return np.asarray(np.kron(np.array(small).transpose(2, 0, 1), np.eye(6)), np.float64)
+        return kronecker(np.array(small).transpose(2, 0, 1), np.eye(6))
 
 
 def _positive_part(difference: Array, scale: Array) -> Array:
