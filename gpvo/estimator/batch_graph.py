@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from factors import StereoCamera, gauss_newton_parameters, isam2_parameters, optimize
 from gpvo.estimator.dead_reckoning import DeadReckoning
 from gpvo.estimator.graph_builder import GraphBuilder
-from gpvo.estimator.isam2 import insert_states, joint_covariance, states_of
+from gpvo.estimator.graph_update import insert_states
+from gpvo.estimator.isam2 import joint_covariance, states_of
 from gpvo.estimator.state_times import SAME_TIME
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.states import States

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
@@ -9,6 +11,7 @@ from scipy.special import gammaincinv
 from factors import StructurelessStereoFactor
 from gpvo.estimator.diagnostics import Diagnostic, diagnostics_of
 from gpvo.estimator.graph_update import NumberedStates
+from gpvo.estimator.isam2 import prior_covariance
 from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]
@@ -39,3 +42,18 @@ def within_gate(
         return new, []
     inside = ~(distance > 2 * gammaincinv(1.5, share))
     return new[inside], diagnostics_of(new[~inside], BEYOND_GATE)
+
+
+def predicted_covariance(known: Array, t: Array, qc: Sequence[float]) -> Array:
+    """(12 K, 12 K) of all key states, given that of the first ones, as the prior predicts the rest.
+
+    The times t are those from the last known state on.
+    """
+    old, new = slice(0, len(known)), slice(len(known), None)
+    covariance = np.zeros(2 * (len(known) + 12 * len(t) - 12,))
+    ahead = prior_covariance(known[-12:, -12:], t, qc)
+    gain = np.linalg.solve(known[-12:, -12:], known[-12:]).T
+    covariance[old, old], covariance[new, new] = known, ahead[12:, 12:]
+    covariance[old, new] = gain @ ahead[:12, 12:]
+    covariance[new, old] = covariance[old, new].T
+    return covariance

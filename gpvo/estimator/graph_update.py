@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,6 @@ import numpy as np
 from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
-from gpvo.estimator.isam2 import insert_states
 from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
@@ -69,3 +68,10 @@ class GraphUpdate:
         insert_states(self.values, new.numbers, new.states)
         for state, t in zip(new.numbers, new.states.t.tolist(), strict=True):
             self.stamps[X(state)] = self.stamps[V(state)] = t
+
+
+def insert_states(values: gtsam.Values, numbers: Sequence[int], states: States) -> None:
+    """Insert states with these numbers (K,): X(k), a Pose3, and V(k)."""
+    for k, T, twist in zip(numbers, states.T_world_cam, states.twist, strict=True):
+        values.insert(X(k), gtsam.Pose3(T))
+        values.insert(V(k), twist)

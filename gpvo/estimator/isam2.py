@@ -1,4 +1,4 @@
-"""What is read from the solution of GTSAM's iSAM2."""
+"""GTSAM's incremental fixed-lag smoother of the key states, and what is read from it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
-from factors import wnoa_covariance
+from factors import isam2_parameters, wnoa_covariance
+from gpvo.estimator.graph_update import GraphUpdate
+from gpvo.estimator.state_times import SAME_TIME
 from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
@@ -19,6 +21,65 @@ ROUNDING = 1e-8
 """Eigenvalue of a correlation matrix that is as good as zero."""
 FASTEST = 1e3
 """Body twist beyond which an estimate has diverged, rad/s and m/s."""
+
+
+class KeyStateSmoother:
+    """Linearises all at the latest estimate in each update.
+
+    What leaves the window is then marginalised at the point at which its landmarks' prior was made.
+    """
+
+    def __init__(self) -> None:
+        parameters = isam2_parameters(relinearize_threshold=0.0)
+        self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, parameters)
+        # While Python holds it, GTSAM does not copy all values for each factor written in Python.
+        self._linearization_point = self._smoother.getLinearizationPoint()
+        # Callbacks are faster for factors that Python keeps alive, by the time of the update.
+        self._alive: dict[float, list[gtsam.NonlinearFactor]] = {}
+        self._covariance: Array | None = None  # needed several times between two updates
+
+    @property
+    def factors(self) -> gtsam.NonlinearFactorGraph:
+        """Factors by their index, None where one was removed."""
+        return self._smoother.getFactors()
+
+    def update(
+        self, update: GraphUpdate, t: float, leave_before: float, more_steps: int
+    ) -> Sequence[int]:
+        """Add what is new at time t, let go the states before another one, and iterate.
+
+        Returned are the indices of the factors that were added.
+        """
+        self._covariance = None
+        self._alive = {at: kept for at, kept in self._alive.items() if at >= leave_before}
+        self._alive[t] = self._alive.get(t, []) + update.factors
+        self._smoother.setSmootherLag(t - leave_before + SAME_TIME)
+        self._smoother.update(update.graph, update.values, update.stamps, update.removed)
+        added: Sequence[int] = self._smoother.getISAM2Result().getNewFactorsIndices()
+        for _ in range(more_steps):
+            self._smoother.update()
+        return added
+
+    def states(self, numbers: Sequence[int], t: Array) -> States:
+        """Return the states with these numbers (K,) at times t (K,), see `states_of`."""
+        return states_of(self._smoother.calculateEstimate(), numbers, t)
+
+    def linearized(self, numbers: Sequence[int], t: Array) -> States | None:
+        """Return the states at which the covariance was found; None if GTSAM does not have them."""
+        try:
+            return states_of(self._linearization_point, numbers, t)
+        except FAILURES:
+            return None
+
+    def covariance(self, numbers: Sequence[int]) -> Array | None:
+        """Return (12 K, 12 K) of the states that were solved; None if GTSAM has none."""
+        if self._covariance is None:
+            try:
+                covariance = joint_covariance(self._smoother.getISAM2(), numbers)
+            except FAILURES:
+                return None
+            self._covariance = covariance if np.isfinite(covariance).all() else None
+        return self._covariance
 
 
 def states_of(values: gtsam.Values, numbers: Sequence[int], t: Array) -> States:
@@ -34,13 +95,6 @@ def states_of(values: gtsam.Values, numbers: Sequence[int], t: Array) -> States:
     if not (np.isfinite(T_world_cam).all() and (np.abs(twist) < FASTEST).all()):
         raise RuntimeError("the estimate diverges")
     return States(t, T_world_cam, twist)
-
-
-def insert_states(values: gtsam.Values, numbers: Sequence[int], states: States) -> None:
-    """Insert states with these numbers (K,): X(k), a Pose3, and V(k)."""
-    for k, T, twist in zip(numbers, states.T_world_cam, states.twist, strict=True):
-        values.insert(X(k), gtsam.Pose3(T))
-        values.insert(V(k), twist)
 
 
 def joint_covariance(solved: gtsam.ISAM2, numbers: Sequence[int]) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
-from factors import StatesBetween, isam2_parameters
+from factors import StatesBetween
 from factors.checks import checked_key, key_name
 from factors.inner_factor import InnerFactor
 from factors.lie import se3_inverse
@@ -17,25 +17,24 @@ from gpvo.estimator.blas_threads import one_blas_thread
 from gpvo.estimator.dead_reckoning import ENOUGH, DeadReckoning
 from gpvo.estimator.diagnostics import Diagnostic, split_usable
 from gpvo.estimator.final_states import correct_final_states
-from gpvo.estimator.gate import within_gate
+from gpvo.estimator.gate import predicted_covariance, within_gate
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
 from gpvo.estimator.initialization import InitialState, start_states, velocity_ahead
 from gpvo.estimator.isam2 import (
     FAILURES,
+    KeyStateSmoother,
     are_covariances,
-    joint_covariance,
     pairs_of_neighbours,
     prior_covariance,
-    states_of,
 )
 from gpvo.estimator.known_place import KnownPlace, PoseInWorld
-from gpvo.estimator.measurement_noise import MeasurementNoise
-from gpvo.estimator.motion_noise import MotionNoise
+from gpvo.estimator.learned_noise import LearnedNoise
 from gpvo.estimator.own_factors import LEFT_OUT as OWN_LEFT_OUT
 from gpvo.estimator.own_factors import OwnFactors, Waiting, factors_that_leave
 from gpvo.estimator.segments import Segments
-from gpvo.estimator.state_times import SAME_TIME, Lag, key_interval, key_times, state_times
+from gpvo.estimator.state_times import SAME_TIME, Lag, key_interval, key_times
+from gpvo.estimator.window_knots import WindowKnots, joint_covariances
 from gpvo.estimator.window_landmarks import WindowLandmarks, merged_states
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements
@@ -88,25 +87,19 @@ class FixedLagSmoother:
         self._build = GraphBuilder(as_camera(camera), noise or NoiseConfig(), self._config)
         self._initial = initial or InitialState.at_origin(self._build.noise)
         self._has_world = initial is not None
-        self._motion = MotionNoise(self._build.qc, self._build.noise.motion_memory)
-        self._errors = MeasurementNoise(
-            np.array(self._build.noise.measurement_information),
-            self._build.noise.measurement_memory,
-        )
+        self._learned = LearnedNoise(self._build.noise)
         self._lag, self._reckoning = Lag(self._config), DeadReckoning(self._config.bridge)
         self._landmarks = WindowLandmarks(self._build)
         self._own = OwnFactors()
         self._final: list[States] = []
-        self._knots: list[CovarianceKnots] = []
+        self._knots = WindowKnots(self._config.covariance_interval)
         self._segments = Segments()
         self._place: KnownPlace | None = None
         self._first, self._keys = 0, States()
         self._between: StatesBetween | None = None
         self._solved = 0
-        # Callbacks are faster for factors that Python keeps alive, by the time of the update.
-        self._factors: dict[float, list[gtsam.NonlinearFactor]] = {}
         self._leave_before, self._leaving, self._old = -np.inf, 0, States()
-        self._start_smoother()
+        self._smoother = KeyStateSmoother()
 
     def update(
         self,
@@ -189,7 +182,7 @@ class FixedLagSmoother:
     @property
     def graph(self) -> gtsam.NonlinearFactorGraph:
         """Factors of the key states as they stand, with what was marginalised."""
-        found, factors = gtsam.NonlinearFactorGraph(), self._smoother.getFactors()
+        found, factors = gtsam.NonlinearFactorGraph(), self._smoother.factors
         for factor in map(factors.at, range(factors.size())):
             if factor is not None:
                 found.push_back(factor)
@@ -221,7 +214,7 @@ class FixedLagSmoother:
             return None
         with one_blas_thread():
             inside = self.states
-            knots = self._all_knots(inside)
+            knots = self._knots.followed_by(self._knots_of(inside))
         states = States.concatenate([*self._final, inside])
         knots = self._segments.all_knots(states, knots)
         from_first = not self._has_world
@@ -251,20 +244,11 @@ class FixedLagSmoother:
     def stored_bytes(self) -> int:
         """Size of the final estimates and their covariances."""
         states = sum(part.nbytes for part in self._final)
-        return states + self._segments.nbytes + sum(part.nbytes for part in self._knots)
+        return states + self._segments.nbytes + self._knots.nbytes
 
     @property
     def _window(self) -> NumberedStates:
         return NumberedStates(self._first, self._keys)
-
-    def _start_smoother(self) -> None:
-        # All is linearised at the latest estimate: what leaves the window is then marginalised at
-        # the point at which its landmarks' prior was made.
-        parameters = isam2_parameters(relinearize_threshold=0.0)
-        self._smoother = gtsam.IncrementalFixedLagSmoother(np.inf, parameters)
-        self._solved_covariance: Array | None = None  # needed several times between two updates
-        # While Python holds it, GTSAM does not copy all values for each factor written in Python.
-        self._linearization_point = self._smoother.getLinearizationPoint()
 
     def _begin(self, update: GraphUpdate, t: float, velocity: VelocityFit | None) -> None:
         """Make the first state."""
@@ -278,7 +262,8 @@ class FixedLagSmoother:
         """Begin a new segment where landmarks tell the pose, or at the last key state before."""
         last = max(int(np.searchsorted(self._keys.t, new.t.min(), "right")) - 1, 0)
         ends = self._states_until(last)
-        states, knots = States.concatenate([*self._final, ends]), self._all_knots(ends)
+        states = States.concatenate([*self._final, ends])
+        knots = self._knots.followed_by(self._knots_of(ends))
         place = self._place_again(new, velocity) if new.t.min() > ends.t[-1] else None
         if place is None:
             t, first, known = float(ends.t[-1]), last, ends[:-1]
@@ -294,17 +279,13 @@ class FixedLagSmoother:
         self._forget_window(self._first + first)
         self._begin(update, t, velocity)
 
-    def _all_knots(self, ends: States) -> CovarianceKnots:
-        """Return the knots of the segment, given its states in the window."""
-        return CovarianceKnots.joined(CovarianceKnots.extended(self._knots, self._knots_of(ends)))
-
     def _forget_window(self, first: int) -> None:
         """Forget all that is estimated; the next state gets the number `first`."""
-        self._knots, self._leave_before, self._leaving = [], -np.inf, 0
+        self._knots = WindowKnots(self._config.covariance_interval)
+        self._leave_before, self._leaving = -np.inf, 0
         self._first, self._between, self._solved = first, None, 0
-        self._lag, self._factors = Lag(self._config), {}
-        self._landmarks = WindowLandmarks(self._build)
-        self._start_smoother()
+        self._lag, self._landmarks = Lag(self._config), WindowLandmarks(self._build)
+        self._smoother = KeyStateSmoother()
 
     def _keep_place(self, count: int) -> None:
         """Keep the landmarks as they are known when their measurements cease."""
@@ -331,39 +312,26 @@ class FixedLagSmoother:
     @property
     def _first_covariance(self) -> Array:
         """(12, 12) of the window's first state when it was solved last."""
-        return self._knots[-1].joint[-1, 12:, 12:] if self._knots else self._initial.covariance
+        known = self._knots.last_covariance
+        return self._initial.covariance if known is None else known
 
     def _learn_noise(self) -> None:
         """Let Q_c follow the motion, and R the residuals in the window."""
-        noise, t = self._build.noise, float(self._keys.t[-1])
-        learned: dict[str, tuple[float, ...]] = {}
-        if noise.motion_memory > 0 and self._solved > 1 and not self._reckoning.in_window:
-            self._motion.learn(self._keys[: self._solved], self._covariance(), self._linearized())
-            learned["acceleration_psd"] = tuple(self._motion.qc.tolist())
-        factor = self._landmarks.factor
-        if noise.measurement_memory > 0 and factor is not None and self._errors.is_due(t):
-            values = self._window.values()
-            residuals = factor.residuals(values) / factor.deviations
-            self._errors.learn(t, residuals, factor.redundancy)
-            learned["measurement_information"] = tuple(self._errors.information.tolist())
-        self._build.noise = noise.model_copy(update=learned)
-
-    def _linearized(self) -> States | None:
-        """Key states at which the covariance was found; None if GTSAM does not have them."""
-        numbers, t = self.window[: self._solved], self._keys.t[: self._solved]
-        try:
-            return states_of(self._linearization_point, numbers, t)
-        except FAILURES:
-            return None
+        solved, numbers = self._keys[: self._solved], self.window[: self._solved]
+        steady = self._solved > 1 and not self._reckoning.in_window
+        if steady and self._learned.now.motion_memory > 0:
+            linearized = self._smoother.linearized(numbers, solved.t)
+            self._learned.learn_motion(solved, self._covariance(), linearized)
+        if self._landmarks.factor is not None:
+            self._learned.learn_errors(self._landmarks.factor, self._window)
+        self._build.noise = self._learned.now
 
     def _keep_what_leaves(self) -> None:
         """Keep the states that the latest cluster made old, and their covariances."""
         self._leave_before = min(self._lag.start, self._keys.t[-1])
         self._leaving = self._window.before(self._leave_before - SAME_TIME)
         self._old = self._states_until(self._leaving)
-        knots = self._knots_of(self._old)
-        if len(knots.t):
-            self._knots[-1:] = CovarianceKnots.extended(self._knots[-1:], knots)
+        self._knots.extend(self._knots_of(self._old))
 
     def _extend(
         self,
@@ -401,24 +369,12 @@ class FixedLagSmoother:
         """Return the measurements within the gate."""
         if self._config.gate == 0 or len(self._landmarks.measurements) == 0 or len(new) == 0:
             return new
-        covariance = self._predicted_covariance()
+        t, qc = self._keys.t[self._solved - 1 :], self._build.qc.tolist()
+        covariance = predicted_covariance(self._covariance(), t, qc)
         known = self._landmarks.factor_of(self._window)
         new, left_out = within_gate(known, self._window, covariance, new, self._config.gate)
         self.diagnostics += left_out
         return new
-
-    def _predicted_covariance(self) -> Array:
-        """(12 K, 12 K) of all key states, the new ones as the prior predicts them."""
-        solved, t = self._solved, self._keys.t
-        covariance = np.zeros((12 * len(t), 12 * len(t)))
-        known = self._covariance()
-        ahead = prior_covariance(known[-12:, -12:], t[solved - 1 :], self._build.qc.tolist())
-        gain = np.linalg.solve(known[-12:, -12:], known[-12:]).T
-        old, new = slice(0, 12 * solved), slice(12 * solved, None)
-        covariance[old, old], covariance[new, new] = known, ahead[12:, 12:]
-        covariance[old, new] = gain @ ahead[:12, 12:]
-        covariance[new, old] = covariance[old, new].T
-        return covariance
 
     def _solve(self, update: GraphUpdate, accepted: Measurements) -> None:
         """Update the smoother with new measurements; if that fails make it again."""
@@ -429,7 +385,7 @@ class FixedLagSmoother:
 
     def _add_measurements(self, update: GraphUpdate, new: Measurements) -> Exception | None:
         """Add new measurements, marginalise those that leave; return what went wrong if it does."""
-        leaving, in_graph = self._leaving, self._smoother.getFactors()
+        leaving, in_graph = self._leaving, self._smoother.factors
         others = factors_that_leave(in_graph, update, self._window, leaving, self._landmarks.index)
         try:
             self._landmarks.add_to(update, self._window, new, leaving, others)
@@ -488,24 +444,18 @@ class FixedLagSmoother:
 
     def _update(self, update: GraphUpdate) -> None:
         """Update the smoother, and take over its estimate of the states in the window."""
-        newest = float(self._keys.t[-1])
-        active = {t: kept for t, kept in self._factors.items() if t >= self._leave_before}
-        self._factors = active | {newest: active.get(newest, []) + update.factors}
-        self._smoother.setSmootherLag(newest - self._leave_before + SAME_TIME)
-        self._smoother.update(update.graph, update.values, update.stamps, update.removed)
-        self._landmarks.updated(self._smoother.getISAM2Result().getNewFactorsIndices())
-        for _ in range(GUESSED_STEPS if self._reckoning.in_window else 0):
-            self._smoother.update()
-        left, estimate = self._leaving, self._smoother.calculateEstimate()
-        keys = states_of(estimate, self.window[left:], self._keys.t[left:])
-        self._let_go(keys)
+        more_steps = GUESSED_STEPS if self._reckoning.in_window else 0
+        times = float(self._keys.t[-1]), self._leave_before
+        self._landmarks.updated(self._smoother.update(update, *times, more_steps))
+        left = self._leaving
+        self._let_go(self._smoother.states(self.window[left:], self._keys.t[left:]))
 
     def _let_go(self, newest: States) -> None:
         """Make the states that leave final, and move on the others."""
         if self._leaving:
             self._final.append(correct_final_states(self._old, newest[:1])[:-1])
         self._leave(newest)
-        self._solved, self._solved_covariance = len(newest), None
+        self._solved = len(newest)
         self._between = self._landmarks.states_between(self._window)
 
     def _leave(self, stays: States) -> None:
@@ -525,8 +475,7 @@ class FixedLagSmoother:
         if leaving:
             self._final.append(self._old[:-1])
             self._leave(self._keys[leaving:])
-        self._start_smoother()
-        update = GraphUpdate()
+        self._smoother, update = KeyStateSmoother(), GraphUpdate()
         motion = self._motion_since(0)
         update.add_factors([*self._prior_on_first_state(), *motion, *self._own.active])
         update.add_states(self._window)
@@ -536,39 +485,20 @@ class FixedLagSmoother:
 
     def _knots_of(self, states: States) -> CovarianceKnots:
         """Return the next knots, of the first states in the window, the last one a key state."""
-        start = self._knots[-1].t[-1] if self._knots else self._keys.t[0]
-        keys = self._keys.t[self._keys.t <= states.t[-1]]
-        known = keys if self._between is None else states.t
-        between = state_times(known[known > start], self._config.covariance_interval, start)
-        times = np.unique(np.concatenate([[start], between, keys[keys > start]]))
-        if len(times) < 2:
+        t_keys = self._keys.t[self._keys.t <= states.t[-1]]
+        t = self._knots.next_times(t_keys if self._between is None else states.t, t_keys)
+        if len(t) < 2:
             return CovarianceKnots()
-        return CovarianceKnots(times, self._joint_covariances(times))
-
-    def _joint_covariances(self, t: Array) -> Array:
-        """(n - 1, 24, 24) of states at times (n,), of each and the next."""
-        if self._between is None:
-            of_keys = np.searchsorted(self._keys.t, t)
-            columns = (12 * of_keys[:, None] + np.arange(12)).ravel()
-            joint = pairs_of_neighbours(self._covariance()[np.ix_(columns, columns)])
-        else:
-            joint = self._between.joint_covariances(t, self._covariance())
+        joint = joint_covariances(t, self._keys.t, self._covariance(), self._between)
         if are_covariances(joint):
-            return joint
-        alone = prior_covariance(self._first_covariance, t, self._build.qc.tolist())
-        return pairs_of_neighbours(alone)
+            return CovarianceKnots(t, joint)
+        return CovarianceKnots(t, pairs_of_neighbours(self._covariance_by_prior(t)))
 
     def _covariance(self) -> Array:
         """(12 K, 12 K) of the key states that were solved; the prior's alone if GTSAM has none."""
-        if self._solved_covariance is not None:
-            return self._solved_covariance
-        numbers = self.window[: self._solved]
-        try:
-            covariance = joint_covariance(self._smoother.getISAM2(), numbers)
-            if np.isfinite(covariance).all():
-                self._solved_covariance = covariance
-                return covariance
-        except FAILURES:
-            pass
-        t = self._keys.t[: self._solved]
+        found = self._smoother.covariance(self.window[: self._solved])
+        return self._covariance_by_prior(self._keys.t[: self._solved]) if found is None else found
+
+    def _covariance_by_prior(self, t: Array) -> Array:
+        """(12 n, 12 n) of states at times (n,) from the window's first state on."""
         return prior_covariance(self._first_covariance, t, self._build.qc.tolist())

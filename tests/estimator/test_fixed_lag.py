@@ -69,7 +69,7 @@ def irregular() -> list[Cluster]:
 
 
 def factors_in(estimator: FixedLagSmoother) -> list[gtsam.NonlinearFactor]:
-    graph = estimator._smoother.getFactors()
+    graph = estimator._smoother.factors
     return [graph.at(i) for i in range(graph.size()) if graph.at(i) is not None]
 
 

@@ -315,7 +315,7 @@ def test_covariances_are_the_priors_where_gtsam_has_none(
         size = 12 * len(numbers)
         return np.full((size, size), np.nan) if fault == "not finite" else -np.eye(size)
 
-    monkeypatch.setattr("gpvo.estimator.smoother.joint_covariance", broken)
+    monkeypatch.setattr("gpvo.estimator.isam2.joint_covariance", broken)
     estimator = make(state_interval=interval)
     assert isinstance(estimator, FixedLagSmoother)
     trajectory = fed(estimator, regular(tracklets(clusters=8)))

@@ -1,0 +1,48 @@
+"""The noise of motion and measurements as it is learned while the smoother runs."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors import StructurelessStereoFactor
+from gpvo.config.stages import NoiseConfig
+from gpvo.estimator.graph_update import NumberedStates
+from gpvo.estimator.measurement_noise import MeasurementNoise
+from gpvo.estimator.motion_noise import MotionNoise
+from gpvo.trajectory.states import States
+
+Array = NDArray[np.float64]
+
+
+class LearnedNoise:
+    """Lets Q_c follow the motion, and R the residuals in the window, if they have a memory.
+
+    Attributes
+    ----------
+    now
+        The noise as it is known now.
+    """
+
+    def __init__(self, start: NoiseConfig) -> None:
+        self.now = start
+        self._motion = MotionNoise(np.array(start.acceleration_psd), start.motion_memory)
+        information = np.array(start.measurement_information)
+        self._errors = MeasurementNoise(information, start.measurement_memory)
+
+    def learn_motion(self, states: States, covariance: Array, linearized: States | None) -> None:
+        """Learn Q_c, see `MotionNoise.learn`."""
+        self._motion.learn(states, covariance, linearized)
+        self._set(acceleration_psd=self._motion.qc)
+
+    def learn_errors(self, factor: StructurelessStereoFactor, window: NumberedStates) -> None:
+        """Learn R from a factor of measurements in the window, if that is due."""
+        t = float(window.states.t[-1])
+        if self.now.measurement_memory > 0 and self._errors.is_due(t):
+            residuals = factor.residuals(window.values()) / factor.deviations
+            self._errors.learn(t, residuals, factor.redundancy)
+            self._set(measurement_information=self._errors.information)
+
+    def _set(self, **learned: Array) -> None:
+        values = {name: tuple(value.tolist()) for name, value in learned.items()}
+        self.now = self.now.model_copy(update=values)
