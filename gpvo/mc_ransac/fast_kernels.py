@@ -246,6 +246,22 @@ def _is_inlier(
     return np.int64(near & (z > 0))
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def explained_kernel(
+    points: Array, dt: Array, later: Array, tolerance: Array, camera: Array, velocity: Array
+) -> NDArray[np.bool_]:
+    """Tell which segments (N,) a velocity explains within their tolerances (N,), pixels."""
+    explained = np.empty(len(points), np.bool_)
+    for i in range(len(points)):
+        x, y, z = move(points[i, 0], points[i, 1], points[i, 2], dt[i], velocity)
+        u = camera[0] * x / z + camera[2] - later[i, 0]
+        v = camera[1] * y / z + camera[3] - later[i, 1]
+        disparity = camera[0] * camera[4] / z - later[i, 2]
+        near = u * u + v * v + disparity * disparity <= tolerance[i] ** 2
+        explained[i] = near and z > 0
+    return explained
+
+
 @njit(cache=True, nogil=True)
 def distinct_indices(uniform: Array, count: int) -> NDArray[np.int64]:
     """Make indices (M, size) below `count`, distinct within a row, of numbers in [0, 1)."""

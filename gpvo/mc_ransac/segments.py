@@ -11,7 +11,7 @@ from factors.checks import checked_array
 from factors.stereo import StereoCamera
 from gpvo.array_table import ArrayTable
 from gpvo.config import McRansacConfig
-from gpvo.mc_ransac.fast_kernels import moved_points
+from gpvo.mc_ransac.fast_kernels import explained_kernel
 from gpvo.tracking import Measurements
 
 Array = NDArray[np.float64]
@@ -60,9 +60,9 @@ def are_inliers(
     segments: Segments, camera: StereoCamera, velocity: Array, config: McRansacConfig
 ) -> NDArray[np.bool_]:
     """Return which segments (N,) the velocity explains by e_rel, equation (err_ransac_classify)."""
-    points = moved_points(camera.triangulate(segments.earlier), segments.dt, velocity)
-    error = np.linalg.norm(camera.project(points) - segments.later, axis=1)
-    return (points[:, 2] > 0) & (error <= inlier_tolerance(segments, config))
+    points, tolerance = camera.triangulate(segments.earlier), inlier_tolerance(segments, config)
+    given = points, segments.dt, segments.later, tolerance, camera.parameters
+    return np.asarray(explained_kernel(*given, velocity))
 
 
 def inlier_tolerance(segments: Segments, config: McRansacConfig) -> Array:

@@ -7,12 +7,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from velocity_reference import reprojection_error, velocity_covariance
 
 from factors.stereo import StereoCamera
 from gpvo.config import McRansacConfig
 from gpvo.mc_ransac import Segments, fast_mc_ransac, iterative_mc_ransac, mc_ransac
 from gpvo.mc_ransac.fast_kernels import moved_points
-from gpvo.mc_ransac.iterative import normal_equations, reprojection_error, velocity_covariance
+from gpvo.mc_ransac.iterative_kernels import covariance_kernel, normal_equations
 from gpvo.mc_ransac.segments import are_inliers, inlier_tolerance
 
 Array = NDArray[np.float64]
@@ -172,6 +173,21 @@ def test_normal_equations_are_those_of_the_errors(seed: int) -> None:
     np.testing.assert_allclose(normal, expected, atol=1e-10 * expected.max())
     scale = (np.abs(weighted).T @ np.abs(error.ravel())).max()
     np.testing.assert_allclose(right, weighted.T @ error.ravel(), atol=1e-10 * scale)
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=20)
+def test_covariance_is_that_of_the_formula(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    velocity = random_velocity(rng)
+    segments = noisy(rng, random_segments(rng, 12, velocity), np.ones(3))
+    mixed = INFORMATION + 0.02
+    points = CAMERA.triangulate(segments.earlier)
+    given = points, segments.dt, segments.later, mixed, CAMERA.parameters, velocity
+    expected = velocity_covariance(segments, CAMERA, mixed, velocity)
+    found = covariance_kernel(*given)
+    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+    np.testing.assert_allclose(found, found.T, atol=1e-9 * np.abs(expected).max())
 
 
 @given(seeds)
