@@ -43,6 +43,8 @@ class SecondThread(Generic[T]):
 
 
 _helper = ThreadPoolExecutor(1)
+FEW = 64
+"""Number of items whose work takes less time than to hand half of it to another thread."""
 
 
 def both(first: Callable[[], T], second: Callable[[], T]) -> tuple[T, T]:
@@ -61,7 +63,10 @@ def both(first: Callable[[], T], second: Callable[[], T]) -> tuple[T, T]:
 
 
 def in_halves(work: Callable[[slice], object], count: int) -> None:
-    """Do the work of `count` independent items at once, in two halves."""
+    """Do the work of `count` independent items at once, in two halves; a few items in one."""
+    if count < FEW:
+        work(slice(count))
+        return
     half = count // 2
     both(lambda: work(slice(half)), lambda: work(slice(half, None)))
 

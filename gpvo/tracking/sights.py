@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from factors import StereoCamera
@@ -55,9 +56,8 @@ def predict(camera: StereoCamera, T_start_cam: Array, sights: Sights) -> Array:
 
     NaN for landmarks behind the camera.
     """
-    points = _points(camera, _since(T_start_cam, sights), sights)
-    points[points[:, 2] <= 0] = np.nan
-    return camera.project(points)
+    columns = sights.point, sights.disparity, sights.T_start_cam
+    return np.asarray(_predict_kernel(camera.parameters, se3_inverse(T_start_cam), *columns))
 
 
 def warp(camera: StereoCamera, T_start_cam: Array, sights: Sights) -> Array:
@@ -70,30 +70,76 @@ def warp(camera: StereoCamera, T_start_cam: Array, sights: Sights) -> Array:
 
     What would be shrunk or enlarged more than LARGEST times is left as it is.
     """
-    T_now_then = _since(T_start_cam, sights)
-    focal = np.array([camera.fx, camera.fy])
-    now = _points(camera, T_now_then, sights)
-    depth = np.maximum(now[:, 2], 1e-6)[:, None, None]
-    scale = camera.fx * camera.baseline / sights.disparity[:, None, None]
-    slope = T_now_then[:, :3, :2] * scale / depth
-    change = slope[:, :2] - now[:, :2, None] / depth * slope[:, 2:]
-    warps = change * focal[:, None] / focal
-    area = np.linalg.det(warps)
-    plausible = (area > LARGEST**-2) & (area < LARGEST**2) & (now[:, 2] > 0)
-    return np.where(plausible[:, None, None], warps, np.eye(2))
+    columns = sights.point, sights.disparity, sights.T_start_cam
+    return np.asarray(_warp_kernel(camera.parameters, se3_inverse(T_start_cam), *columns))
 
 
 def points_in_start(camera: StereoCamera, sights: Sights) -> Array:
     """Points (N, 3) of landmarks in the frame of which `T_start_cam` are poses."""
-    return _points(camera, sights.T_start_cam, sights)
+    columns = sights.point, sights.disparity, sights.T_start_cam
+    return np.asarray(_points_kernel(camera.parameters, np.eye(4), *columns))
 
 
-def _since(T_start_cam: Array, sights: Sights) -> Array:
-    """Poses (N, 4, 4) of the cameras of then in the one of now."""
-    return se3_inverse(T_start_cam) @ sights.T_start_cam
+@njit(cache=True, nogil=True)
+def _predict_kernel(
+    camera: Array, T_cam_start: Array, point: Array, disparity: Array, T_start_then: Array
+) -> Array:
+    found = _points_kernel(camera, T_cam_start, point, disparity, T_start_then)
+    for i in range(len(found)):
+        x, y, z = found[i]
+        if z > 0:
+            found[i, 0] = camera[0] * x / z + camera[2]
+            found[i, 1] = camera[1] * y / z + camera[3]
+            found[i, 2] = camera[0] * camera[4] / z
+        else:
+            found[i] = np.nan
+    return found
 
 
-def _points(camera: StereoCamera, T: Array, sights: Sights) -> Array:
-    """Points (N, 3) of landmarks in the frame in which T (N, 4, 4) are the cameras' poses."""
-    then = camera.triangulate(sights.measured)
-    return np.einsum("nij,nj->ni", T[:, :3, :3], then) + T[:, :3, 3]
+@njit(cache=True, nogil=True)
+def _warp_kernel(
+    camera: Array, T_cam_start: Array, point: Array, disparity: Array, T_start_then: Array
+) -> Array:
+    now = _points_kernel(camera, T_cam_start, point, disparity, T_start_then)
+    warps, slope = np.empty((len(point), 2, 2)), np.empty((3, 2))
+    for i in range(len(point)):
+        depth = max(now[i, 2], 1e-6)
+        scale = camera[0] * camera[4] / disparity[i] / depth
+        for row in range(3):
+            for k in range(2):
+                slope[row, k] = scale * _product(T_cam_start, T_start_then[i], row, k)
+        for row in range(2):
+            for k in range(2):
+                change = slope[row, k] - now[i, row] / depth * slope[2, k]
+                warps[i, row, k] = change * camera[row] / camera[k]
+        area = warps[i, 0, 0] * warps[i, 1, 1] - warps[i, 0, 1] * warps[i, 1, 0]
+        if not (LARGEST**-2 < area < LARGEST**2 and now[i, 2] > 0):
+            warps[i] = np.eye(2)
+    return warps
+
+
+@njit(cache=True, nogil=True)
+def _points_kernel(
+    camera: Array, T_frame_start: Array, point: Array, disparity: Array, T_start_then: Array
+) -> Array:
+    """Compute the points (N, 3) of landmarks in a frame."""
+    points, then, start = np.empty((len(point), 3)), np.empty(3), np.empty(3)
+    for i in range(len(point)):
+        then[2] = camera[0] * camera[4] / disparity[i]
+        for k in range(2):
+            then[k] = (point[i, k] - camera[2 + k]) * then[2] / camera[k]
+        _move(T_start_then[i], then, start)
+        _move(T_frame_start, start, points[i])
+    return points
+
+
+@njit(cache=True, nogil=True)
+def _move(T: Array, point: Array, moved: Array) -> None:
+    for row in range(3):
+        moved[row] = T[row, 0] * point[0] + T[row, 1] * point[1] + T[row, 2] * point[2] + T[row, 3]
+
+
+@njit(cache=True, nogil=True)
+def _product(A: Array, B: Array, row: int, column: int) -> float:
+    """Return an element of the product of two rotations."""
+    return A[row, 0] * B[0, column] + A[row, 1] * B[1, column] + A[row, 2] * B[2, column]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.match_precision import (
     LARGEST,
-    gradient_squares_kernel,
+    compare_patches_kernel,
     match_deviations,
 )
 
@@ -44,7 +44,10 @@ def test_noise_moves_matches_by_the_inverse_of_the_gradients_squares() -> None:
         ends, found = match_patches(source, target, POINTS, POINTS, 0)
         assert found.all()
         errors.append(ends - POINTS)
-    squares = gradient_squares_kernel(source.levels[0], POINTS, SIDE)
+    squares, alike = np.zeros((len(POINTS), 3)), np.zeros(len(POINTS))
+    images = source.levels[0], source.levels[0]
+    compare_patches_kernel(*images, SIDE, POINTS, POINTS, squares, alike)
+    np.testing.assert_allclose(alike, 1, atol=1e-6)
     matrices = squares[:, [[0, 1], [1, 2]]]
     found_in_units = np.einsum("rni,nij,rnj->n", errors, matrices, errors) / 60
     # Two degrees of freedom, each with the variance of the noise.

@@ -57,19 +57,19 @@ def match_anchors(
     points in the image (N, 2), and the correlation (N,) of the warped patches with the image there,
     -1 for those that are not found.
     """
-    places = _places(anchors)
-    ends, alike = guess.astype(np.float32), np.full(len(guess), -1.0)
-    inverse = np.linalg.inv(warps)
+    place, ends = places(anchors), guess.astype(np.float32)
+    alike, searched = np.full(len(guess), -1.0), np.ones(len(guess), np.bool_)
 
     def match(part: slice) -> None:
         match_anchors_kernel(
             anchors.patch[part],
-            places[part],
-            inverse[part],
+            place[part],
+            warps[part],
             image.levels[0],
             image.patch_size,
             ends[part],
             alike[part],
+            searched[part],
         )
 
     in_halves(match, len(guess))
@@ -78,10 +78,10 @@ def match_anchors(
 
 def warped_patches(anchors: Anchors, warps: Array, side: int) -> NDArray[np.float32]:
     """Return the patches (N, side, side) of anchors under their warps (N, 2, 2)."""
-    return warp_patches_kernel(anchors.patch, _places(anchors), np.linalg.inv(warps), side)
+    return warp_patches_kernel(anchors.patch, places(anchors), warps, side)
 
 
-def _places(anchors: Anchors) -> Array:
+def places(anchors: Anchors) -> Array:
     """Return where landmarks (N, 2) are in their patches, pixels from the first one."""
     point = anchors.sights.point
     return point - _pixels(point) + anchors.patch.shape[1] // 2

@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from factors import StereoCamera
@@ -90,5 +91,18 @@ def are_near(
     points: Array | NDArray[np.float32], others: NDArray[np.float32], distance: float
 ) -> NDArray[np.bool_]:
     """Tell which points (N, 2) have another one (M, 2) within a distance."""
-    apart = np.linalg.norm(points[:, None] - others[None], axis=2)
-    return np.asarray(apart.min(axis=1, initial=np.inf) < distance)
+    return np.asarray(_are_near_kernel(points.astype(np.float64), others, distance))
+
+
+@njit(cache=True, nogil=True)
+def _are_near_kernel(
+    points: Array, others: NDArray[np.float32], distance: float
+) -> NDArray[np.bool_]:
+    near = np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        for k in range(len(others)):
+            u, v = points[i, 0] - others[k, 0], points[i, 1] - others[k, 1]
+            if u * u + v * v < distance * distance:
+                near[i] = True
+                break
+    return near

@@ -31,6 +31,8 @@ from gpvo.tracking.klt.patch_kernels import (
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Pairs = tuple[tuple[Level, Level], ...]
+"""Levels of the source and the target, from the finest on."""
 
 ITERATIONS = 30
 """Most steps at one level."""
@@ -85,22 +87,26 @@ def match_patches(
     directions, and its match is not beyond the image.
     """
     ends, found = guess.astype(np.float32), np.zeros(len(points), np.bool_)
-    levels = range(min(coarser + 1, len(source.levels)))
-    pairs = tuple((source.levels[level], target.levels[level]) for level in levels)
+    pairs = pairs_of_levels(source, target)
 
     def match(part: slice) -> None:
-        _match_levels(pairs, source.patch_size, points[part], ends[part], found[part])
+        match_levels(pairs, coarser, source.patch_size, points[part], ends[part], found[part])
 
     in_halves(match, len(points))
     return ends, found
 
 
+def pairs_of_levels(source: Pyramid, target: Pyramid) -> Pairs:
+    """Return the levels of both pyramids."""
+    return tuple(zip(source.levels, target.levels, strict=True))
+
+
 @njit(cache=True, nogil=True)
-def _match_levels(
-    pairs: tuple[tuple[Level, Level], ...], side: int, points: Points, ends: Points, found: Mask
+def match_levels(
+    pairs: Pairs, coarser: int, side: int, points: Points, ends: Points, found: Mask
 ) -> None:
-    """Refine the ends (N, 2) of points (N, 2), from the coarsest of the levels on."""
-    for level in range(len(pairs) - 1, -1, -1):
+    """Refine the ends (N, 2) of points (N, 2), from at most `coarser` levels above the image on."""
+    for level in range(min(coarser, len(pairs) - 1), -1, -1):
         scale = np.float32(0.5**level)
         ends *= scale
         source, target = pairs[level]

@@ -6,15 +6,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid, touches
-from gpvo.tracking.klt.patch_checks import patch_correlation
 from gpvo.tracking.klt.patch_kernels import (
     Level,
+    centre,
     clear_outside,
     copy_patch,
     differentiate,
     dot,
     interpolate,
+    sample_centred,
 )
 
 Array = NDArray[np.float64]
@@ -41,8 +43,13 @@ def match_deviations(left: Pyramid, right: Pyramid, points: Points, matches: Poi
     """
     if not len(points):
         return np.ones((0, 3))
-    squares = gradient_squares_kernel(left.levels[0], points, left.patch_size)
-    alike = patch_correlation(left.image, points, right.image, matches, left.patch_size // 2)
+    squares, alike = np.zeros((len(points), 3)), np.zeros(len(points))
+    given = left.levels[0], right.levels[0], left.patch_size
+
+    def compare(part: slice) -> None:
+        compare_patches_kernel(*given, points[part], matches[part], squares[part], alike[part])
+
+    in_halves(compare, len(points))
     noise = NOISE + 1 - alike
     uu, vv = np.maximum(squares[:, [0, 2]], 1e-9).T
     determinant = np.maximum(uu * vv - squares[:, 1] ** 2, 1e-9 * uu * vv)
@@ -52,21 +59,35 @@ def match_deviations(left: Pyramid, right: Pyramid, points: Points, matches: Poi
 
 
 @njit(cache=True, nogil=True)
-def gradient_squares_kernel(image: Level, points: Points, side: int) -> Array:
-    """Compute the sums (N, 3) of g_u^2, g_u g_v and g_v^2 over the patches around points (N, 2)."""
+def compare_patches_kernel(
+    left: Level,
+    right: Level,
+    side: int,
+    points: Points,
+    matches: Points,
+    squares: Array,
+    alike: Array,
+) -> None:
+    """Set the sums (N, 3) of g_u^2, g_u g_v and g_v^2, and the correlation (N,) of both patches."""
     width = side + 3  # of the rows of all patches, which are stored one after the other
     size = (side + 3) * width + 2
     window, samples = np.zeros(size, np.float32), np.zeros(size, np.float32)
     across, down = np.zeros(side * width, np.float32), np.zeros(side * width, np.float32)
-    corner, squares = side + BEYOND - side // 2, np.zeros((len(points), 3))
+    patch, other = np.zeros(side * width, np.float32), np.zeros(side * width, np.float32)
+    corner = side + BEYOND - side // 2
     for i in range(len(points)):
         u, v = points[i, 0] + corner, points[i, 1] + corner
-        if touches(image, side, u, v):
-            copy_patch(image, u - 1, v - 1, side + 3, width, window)
+        if touches(left, side, u, v):
+            copy_patch(left, u - 1, v - 1, side + 3, width, window)
             interpolate(window, u - np.floor(u), v - np.floor(v), width, samples)
             differentiate(samples, width, across, down)
             clear_outside((0, side), (0, side), width, across, down)
             squares[i, 0] = dot(across, across)
             squares[i, 1] = dot(across, down)
             squares[i, 2] = dot(down, down)
-    return squares
+            centre(samples[width + 1 :], side, width, patch)
+        x, y = matches[i, 0] + corner, matches[i, 1] + corner
+        if touches(left, side, u, v) and touches(right, side, x, y):
+            sample_centred(right, x, y, side, width, window, samples, other)
+            contrast = dot(patch, patch) * dot(other, other)
+            alike[i] = dot(patch, other) / np.sqrt(contrast) if contrast > 0 else 0.0

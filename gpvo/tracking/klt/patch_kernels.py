@@ -96,6 +96,31 @@ def clear_outside(
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
+def centre(values: Row, side: int, width: int, centred: Row) -> None:
+    """Subtract the mean of a patch from its pixels, and clear what lies between its rows."""
+    total = np.float32(0)
+    for row in range(side):
+        for k in range(row * width, row * width + side):
+            total += values[k]
+    mean = total / np.float32(side * side)
+    for row in range(side):
+        end = row * width + side
+        for k in range(row * width, end):
+            centred[k] = values[k] - mean
+        centred[end : end + width - side] = 0
+
+
+@njit(cache=True, nogil=True)
+def sample_centred(
+    image: Level, u: float, v: float, side: int, width: int, window: Row, seen: Row, centred: Row
+) -> None:
+    """Sample the patch of an image with its first pixel at (u, v), without its mean."""
+    copy_patch(image, u, v, side + 1, width, window)
+    interpolate(window, u - np.floor(u), v - np.floor(v), width, seen)
+    centre(seen, side, width, centred)
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
 def dot(a: Row, b: Row) -> float:
     total = np.float32(0)
     for k in range(len(b)):

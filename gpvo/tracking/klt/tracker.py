@@ -19,11 +19,12 @@ from gpvo.config import TrackingConfig
 from gpvo.second_thread import both
 from gpvo.tracking.features import extrema, smooth, strongest_spaced
 from gpvo.tracking.klt.anchors import Anchors, match_anchors
+from gpvo.tracking.klt.following import CHANGED, FINE, KNOWN, follow
 from gpvo.tracking.klt.frame import Frame
 from gpvo.tracking.klt.lost_landmarks import LostLandmarks, are_near
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.match_precision import match_deviations
-from gpvo.tracking.klt.patch_checks import patch_correlation, row_gradient
+from gpvo.tracking.klt.patch_checks import are_stereo
 from gpvo.tracking.klt.relocation import refined_pose, relocated_pose
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.report import TrackingReport
@@ -76,7 +77,7 @@ class KltTracker:
         images = both(lambda: self._pyramid(left), lambda: self._pyramid(right))
         frame = Frame.without_landmarks(*images, self.T_start_cam)
         known = 0 if self._previous is None else len(self._previous.landmark)
-        followed, first_new = self._anchor(self._follow(frame)), self._landmark_count
+        followed, first_new = self._follow(frame), self._landmark_count
         self._note_lost_track(followed)
         if self._relocations > 0:
             followed = self._relocated(followed)
@@ -105,51 +106,27 @@ class KltTracker:
         return Pyramid.of_image(smoothed, self._config.patch_size, self._config.pyramid_levels)
 
     def _follow(self, frame: Frame) -> Frame:
-        """Match the landmarks of the previous frame around the quad; keep those that return."""
+        """Match the landmarks of the previous frame; those that look otherwise get new anchors."""
         previous = self._previous
         if previous is None:
             return frame
-        shift = previous.left - previous.right
-        ahead, shift_ahead = self._predicted(previous, frame)
-        images = previous.left_image, frame.left_image
-        left, found = match_patches(*images, previous.left, ahead, self._config.pyramid_levels)
-        right, found_right = self._match(
-            frame.left_image, frame.right_image, left, left - shift_ahead
-        )
-        back, found_back = self._match(frame.right_image, previous.right_image, right)
-        end, found_end = self._match(previous.right_image, previous.left_image, back, back + shift)
-        closed = np.linalg.norm(end - previous.left, axis=1) < self._config.closure_tolerance
-        same = found & found_right & found_back & found_end & closed
-        same &= self._is_stereo(frame, left, right)
+        expected = self._predicted(previous, frame), self._warps(frame, previous.anchors)
+        left, right, marks = follow(previous, frame, *expected, self._config)
         seen = frame.with_landmarks(previous.landmark, left, right, previous.anchors)
-        return seen.select(same)
+        new = marks == CHANGED
+        changed = frame.anchored(previous.landmark[new], left[new], right[new])
+        return seen.select(marks == KNOWN).joined(changed)
 
     def _predicted(self, previous: Frame, frame: Frame) -> tuple[Points, Points]:
-        """Where the motion takes landmarks (N, 2) of the previous frame, and left minus right."""
-        shift = previous.left - previous.right
+        """Where the motion takes the left and right pixels (N, 2) of the previous frame."""
         if self._camera is None:
-            return previous.left, shift
+            return previous.left, previous.right
         there = predict(self._camera, frame.T_start_cam, previous.sights)
-        ahead = np.isfinite(there[:, :1])
-        left = np.where(ahead, there[:, :2], previous.left).astype(np.float32)
-        return left, np.where(ahead, _shift(there), shift)
-
-    def _anchor(self, frame: Frame) -> Frame:
-        """Match every landmark with its anchor, so that errors of the matches do not add up.
-
-        This match takes the place of the one with the previous frame. A landmark whose anchor looks
-        alike elsewhere is dropped; one that does not look like its anchor any more gets a new one.
-        The disparity stays: it hardly differs a fraction of a pixel beside.
-        """
-        warps = self._warps(frame, frame.anchors)
-        left, alike = match_anchors(frame.anchors, warps, frame.left_image, frame.left)
-        known = alike >= self._config.anchor_correlation
-        near = np.linalg.norm(left - frame.left, axis=1) < self._config.anchor_tolerance
-        right = frame.right + left - frame.left
-        seen = frame.with_landmarks(frame.landmark, left, right, frame.anchors)
-        seen, changed = seen.select(known & near), frame.select(~known)
-        seen = seen.joined(frame.anchored(changed.landmark, changed.left, changed.right))
-        return seen.select(self._is_stereo(frame, seen.left, seen.right))
+        ahead, left = np.isfinite(there[:, :1]), there[:, :2].astype(np.float32)
+        return (
+            np.where(ahead, left, previous.left),
+            np.where(ahead, left - _shift(there), previous.right),
+        )
 
     def _note_lost_track(self, followed: Frame) -> None:
         """Remember all landmarks of the previous frame as lost if none was followed."""
@@ -253,28 +230,8 @@ class KltTracker:
         return right, found & found_back & closed & self._is_stereo(frame, left, right)
 
     def _is_stereo(self, frame: Frame, left: Points, right: Points) -> Mask:
-        """Check that rows agree, disparities are positive, and points are inside and look alike."""
-        height, width = frame.left_image.image.shape
-        size = np.array([width, height])
-        inside = ((left >= 0) & (left < size)).all(axis=1)
-        inside &= ((right >= 0) & (right < size)).all(axis=1)
-        row_difference = np.abs(left[:, 1] - right[:, 1])
-        positive = left[:, 0] > right[:, 0]
-        close = row_difference < self._config.row_tolerance
-        return inside & positive & close & self._is_similar(frame, left, right)
-
-    def _is_similar(self, frame: Frame, left: Points, right: Points) -> Mask:
-        """Check that the middle of a patch is similar in both images and distinct along the row.
-
-        Contours at the margins of the whole patch can determine its match. They may be at another
-        depth, while the middle is only noise.
-        """
-        radius = self._config.patch_size // 4
-        image, other = frame.left_image.image, frame.right_image.image
-        correlation = patch_correlation(image, left, other, right, radius)
-        gradient = row_gradient(image, left, radius)
-        distinct = gradient >= self._config.min_row_gradient
-        return distinct & (correlation >= self._config.min_correlation)
+        images = frame.left_image.image, frame.right_image.image
+        return are_stereo(images, left, right, self._config)
 
     def _match(
         self,
@@ -290,7 +247,7 @@ class KltTracker:
         """
         if guess is None:
             return match_patches(source, target, points, points, self._config.pyramid_levels)
-        return match_patches(source, target, points, guess, 1)
+        return match_patches(source, target, points, guess, FINE)
 
 
 def _shift(measurements: Array) -> Points:

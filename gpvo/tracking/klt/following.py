@@ -1,0 +1,126 @@
+"""Landmarks followed from a stereo frame to the next: around the quad, then by their anchors.
+
+The quad of section III-A.2 is previous left, current left, current right, previous right and back.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gpvo.config.stages import KltConfig
+from gpvo.second_thread import in_halves
+from gpvo.tracking.klt.anchor_kernels import match_anchors_kernel
+from gpvo.tracking.klt.anchors import places
+from gpvo.tracking.klt.frame import Frame
+from gpvo.tracking.klt.lucas_kanade import Pairs, match_levels, pairs_of_levels
+from gpvo.tracking.klt.patch_checks import Image, check_kernel, limits_of
+
+Array = NDArray[np.float64]
+Points = NDArray[np.float32]
+StereoPoints = tuple[Points, Points]
+Mask = NDArray[np.bool_]
+Marks = NDArray[np.uint8]
+
+LOST, KNOWN, CHANGED = 0, 1, 2
+"""A landmark is not found, found by its anchor, or found while it looks unlike its anchor."""
+FINE = 1
+"""Coarser levels for landmarks that are expected within a pixel or two."""
+
+
+def follow(
+    previous: Frame, frame: Frame, ahead: StereoPoints, warps: Array, config: KltConfig
+) -> tuple[Points, Points, Marks]:
+    """Match the landmarks of the previous frame with a frame, from where they may be now (N, 2).
+
+    In time patches are searched from the coarsest level on, there and back: what is ambiguous among
+    noise then does not come back. A landmark that the quad leads back is matched with
+    its anchor under its warp (2, 2), so that errors of the matches do not add up; that match takes
+    the place of the one with the previous frame, unless the landmark looks unlike its anchor. It is
+    lost if the two are far apart. The disparity stays: it hardly differs a fraction of a pixel
+    beside. Returns the left and right points (N, 2) and marks (N,).
+    """
+    left, right = ahead[0].copy(), ahead[1].copy()
+    marks = np.full(len(left), LOST, np.uint8)
+    images = frame.left_image.image, frame.right_image.image
+    given = _quad(previous, frame), config.pyramid_levels, images, previous.left_image.patch_size
+    limits = config.closure_tolerance, config.anchor_correlation, config.anchor_tolerance
+    place = places(previous.anchors)
+
+    def follow_part(part: slice) -> None:
+        before = previous.left[part], previous.right[part]
+        anchors = previous.anchors.patch[part], place[part], warps[part]
+        ends = left[part], right[part], marks[part]
+        _follow_kernel(*given, limits, limits_of(config), before, anchors, *ends)
+
+    in_halves(follow_part, len(left))
+    return left, right, marks
+
+
+def _quad(previous: Frame, frame: Frame) -> tuple[Pairs, Pairs, Pairs, Pairs]:
+    """Return the levels of each match of the quad."""
+    before, now = ((one.left_image, one.right_image) for one in (previous, frame))
+    corners = before[0], now[0], now[1], before[1]
+    first, second, third, last = map(pairs_of_levels, corners, (*corners[1:], corners[0]))
+    return first, second, third, last
+
+
+@njit(cache=True, nogil=True)
+def _follow_kernel(
+    quad: tuple[Pairs, Pairs, Pairs, Pairs],
+    coarser: int,
+    images: tuple[Image, Image],
+    side: int,
+    limits: tuple[float, float, float],
+    stereo_limits: tuple[float, float, float, int],
+    before: StereoPoints,
+    anchors: tuple[NDArray[np.uint8], Array, Array],
+    left: Points,
+    right: Points,
+    marks: Marks,
+) -> None:
+    """Refine the left and right points (N, 2), and mark (N,) those that are found."""
+    closed = _around_quad(quad, coarser, side, before, left, right, limits[0])
+    check_kernel(images, left, right, stereo_limits, closed)
+    ends, alike = left.copy(), np.full(len(left), -1.0)
+    match_anchors_kernel(*anchors, quad[0][0][1], side, ends, alike, closed)
+    near = closed & (alike >= limits[1])
+    for k in np.flatnonzero(near):
+        way = ends[k] - left[k]
+        near[k] = np.sqrt(way[0] * way[0] + way[1] * way[1]) < limits[2]
+        right[k] += way
+        left[k] = ends[k]
+    check_kernel(images, left, right, stereo_limits, near)
+    for i in range(len(left)):
+        if near[i]:
+            marks[i] = KNOWN
+        elif closed[i] and alike[i] < limits[1]:
+            marks[i] = CHANGED
+
+
+@njit(cache=True, nogil=True)
+def _around_quad(
+    quad: tuple[Pairs, Pairs, Pairs, Pairs],
+    coarser: int,
+    side: int,
+    before: StereoPoints,
+    left: Points,
+    right: Points,
+    tolerance: float,
+) -> Mask:
+    """Match points (N, 2) around the quad; return which end near their start."""
+    found = np.zeros((4, len(left)), np.bool_)
+    shift = left - right
+    match_levels(quad[0], coarser, side, before[0], left, found[0])
+    right[:] = left - shift
+    match_levels(quad[1], FINE, side, left, right, found[1])
+    back = right.copy()
+    match_levels(quad[2], coarser, side, right, back, found[2])
+    end = back + (before[0] - before[1])
+    match_levels(quad[3], FINE, side, back, end, found[3])
+    closed = found[0] & found[1] & found[2] & found[3]
+    for i in np.flatnonzero(closed):
+        way = end[i] - before[0][i]
+        closed[i] = np.sqrt(way[0] * way[0] + way[1] * way[1]) < tolerance
+    return closed
