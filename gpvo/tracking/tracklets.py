@@ -35,6 +35,7 @@ class Tracklets:
         self._cluster_count = 0
         self._measurements = Measurements.concatenate([])
         self._taken = np.empty(0, bool)
+        self._passed: NDArray[np.int64] | None = None  # what `_long_enough` found, while it holds
         self.out_of_bounds = 0
 
     def add(self, cluster: StereoCluster, observations: Observations) -> None:
@@ -54,6 +55,7 @@ class Tracklets:
         new = [self._measure(*one, observations) for one in shown]
         self.out_of_bounds = int(seen.sum()) - len(new[-1])
         self._measurements = Measurements.concatenate([self._measurements, *new])
+        self._passed = None
         self._taken = np.append(self._taken, np.zeros(sum(map(len, new)), bool))
 
     def pairs(self, span: int) -> tuple[Measurements, Measurements]:
@@ -62,15 +64,16 @@ class Tracklets:
         The newest is in the newest cluster. The earlier is the first of its landmark in that
         cluster and the `span` clusters before it that show any; a pair needs two different times.
         """
-        newest = self._cluster_count - 1
-        measurements = self._measurements[self._long_enough()]
-        shown = [*self._shown][-(span + 1) :]
-        recent = measurements[measurements.frame >= min(shown, default=newest)]
-        later = recent[recent.frame == newest]
-        earlier = recent[np.unique(recent.landmark, return_index=True)[1]]
-        _, i, j = np.intersect1d(earlier.landmark, later.landmark, return_indices=True)
-        moving = later.t[j] > earlier.t[i]
-        return earlier[i[moving]], later[j[moving]]
+        newest, known, index = self._cluster_count - 1, self._measurements, self._long_enough()
+        oldest = min([*self._shown][-(span + 1) :], default=newest)
+        index = index[known.frame[index] >= oldest]
+        earlier, later = (
+            index[_run_starts(known.landmark[index])],
+            index[known.frame[index] == newest],
+        )
+        earlier = earlier[np.searchsorted(known.landmark[earlier], known.landmark[later])]
+        moving = known.t[later] > known.t[earlier]
+        return known[earlier[moving]], known[later[moving]]
 
     def image_speed(self) -> float | None:
         """Return the speed of the slow landmarks between the two newest clusters, pixels/s.
@@ -78,15 +81,15 @@ class Tracklets:
         It is the lower quartile: far landmarks need time to show, while near ones rush by. None for
         fewer than LEAST_LANDMARKS landmarks.
         """
-        newest = self._cluster_count - 1
-        known = self._measurements
-        before, now = (known[known.frame == number] for number in (newest - 1, newest))
-        _, i, j = np.intersect1d(before.landmark, now.landmark, return_indices=True)
-        dt = now.t[j] - before.t[i]
-        i, j, dt = i[dt > 0], j[dt > 0], dt[dt > 0]
+        newest, known = self._cluster_count - 1, self._measurements
+        before, now = (np.flatnonzero(known.frame == number) for number in (newest - 1, newest))
+        common = np.intersect1d(known.landmark[before], known.landmark[now], return_indices=True)
+        before, now = before[common[1]], now[common[2]]
+        dt = known.t[now] - known.t[before]
+        before, now, dt = before[dt > 0], now[dt > 0], dt[dt > 0]
         if len(dt) < LEAST_LANDMARKS:
             return None
-        way = np.linalg.norm(now.stereo[j, :2] - before.stereo[i, :2], axis=1)
+        way = np.linalg.norm(known.stereo[now, :2] - known.stereo[before, :2], axis=1)
         return float(np.percentile(way / dt, 25))
 
     def too_short(self) -> int:
@@ -110,6 +113,7 @@ class Tracklets:
 
     def _keep(self, mask: NDArray[np.bool_]) -> None:
         self._measurements, self._taken = self._measurements[mask], self._taken[mask]
+        self._passed = None
 
     def _long_enough(self) -> NDArray[np.int64]:
         """Return the indices of measurements whose tracklets pass the length and duration filters.
@@ -117,21 +121,21 @@ class Tracklets:
         They are in order of landmark, then of time. The length of a tracklet is the distance
         between its first and its last left image point.
         """
+        if self._passed is not None:
+            return self._passed
         known = self._measurements
         order = np.lexsort((known.t, known.landmark))
-        if len(order) == 0:
-            return order
-        _, first, tracklet, count = np.unique(
-            known.landmark[order], return_index=True, return_inverse=True, return_counts=True
-        )
-        start, end = order[first], order[first + count - 1]
+        first = _run_starts(known.landmark[order])
+        after = np.append(first, len(order))[1:]
+        start, end = order[first], order[after - 1]
         motion = known.stereo[end, :2] - known.stereo[start, :2]
         duration = known.t[end] - known.t[start]
         passed = np.linalg.norm(motion, axis=1) >= self._config.min_length
         if self._config.rest_duration > 0:
             passed |= duration >= self._config.rest_duration
         passed &= duration >= self._config.min_duration
-        return order[passed[tracklet]]
+        self._passed = order[np.repeat(passed, after - first)]
+        return self._passed
 
     def _measure(
         self, number: int, cluster: StereoCluster, observations: Observations
@@ -166,6 +170,11 @@ class Tracklets:
             surface, radius = image.surface_of_active_events, self._config.time_radius
             times[unknown] = feature_times(surface, points[unknown], radius)
         return times
+
+
+def _run_starts(ordered: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return where each run of equal numbers (N,) begins."""
+    return np.flatnonzero(np.append(True, np.diff(ordered) != 0)[: len(ordered)])
 
 
 @njit(cache=True, nogil=True)
