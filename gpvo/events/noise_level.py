@@ -17,7 +17,9 @@ from gpvo.events.clustering import ClusterEvents, StereoCluster
 BLOCK = 16
 """Side of the blocks, pixels."""
 UNIFORM = 0.2
-"""Squared coefficient of variation up to which events are noise alone."""
+"""Squared coefficient of variation up to which what is left of many events is noise alone."""
+EVEN = 0.13
+"""The same as long as nothing is known to compare with: contours among much noise have 0.16."""
 LEAST = 3.0
 """Mean number of events per block below which nothing can be told."""
 REMEMBERED = 5
@@ -25,7 +27,7 @@ REMEMBERED = 5
 
 
 class NoiseLevel:
-    """Judges consecutive clusters that hold almost no events."""
+    """Judges consecutive clusters that hold almost no events, or the first ones of a stream."""
 
     def __init__(self) -> None:
         self._counts: deque[NDArray[np.float64]] = deque(maxlen=REMEMBERED)
@@ -36,14 +38,24 @@ class NoiseLevel:
 
     def is_noise(self, cluster: StereoCluster) -> bool:
         """Return whether both cameras send noise, as cameras at rest do, and nothing else."""
+        variation = self._variation(cluster)
+        return variation is not None and variation < UNIFORM
+
+    def may_be_noise(self, cluster: StereoCluster) -> bool | None:
+        """Return whether a stream begins with noise of both cameras; None if it has few events."""
+        variation = self._variation(cluster)
+        return None if variation is None else variation < EVEN
+
+    def _variation(self, cluster: StereoCluster) -> float | None:
+        """Return the mean squared coefficient of variation of both cameras' rates, if known."""
         self._counts.appendleft(np.stack([block_counts(cluster.left), block_counts(cluster.right)]))
         count = np.zeros_like(self._counts[0])
         for latest in self._counts:
             count += latest
             mean = count.mean(axis=1)
             if (mean >= LEAST).all():
-                return bool(np.mean((count.var(axis=1) - mean) / mean**2) < UNIFORM)
-        return False
+                return float(np.mean((count.var(axis=1) - mean) / mean**2))
+        return None
 
 
 def block_counts(events: ClusterEvents) -> NDArray[np.float64]:

@@ -69,7 +69,8 @@ class FaultWatch:
         self._say(leaves_out(report))
         if not self._is_silent:
             self._say(different_rates(self._reports))
-        self._say(self._views.see(cluster))
+        if not report.at_rest:
+            self._say(self._views.see(cluster))
         self._say(self._lost())
 
     @property

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -60,11 +61,14 @@ class CompensatedImage:
     sums
         (height, width, 2) number of events of each pixel, and sum of their times after the
         reference time, seconds. Each event is shared among the four pixels around it.
+    picture
+        (height, width) 255 (1 - exp(-number of events)).
     """
 
     reference: float
     flow: Flow
     sums: Sums
+    picture: NDArray[np.uint8]
 
     @staticmethod
     def of_events(
@@ -75,24 +79,19 @@ class CompensatedImage:
         sums = np.zeros((height // side, width // side, 2), np.float32)
         events, fine = image.events, fine_flow(flow)
         add_events(events.x, events.y, events.t, image.table, side, reference, fine, sums)
-        return CompensatedImage(reference, flow, sums)
+        absent = np.exp(-sums[..., 0])
+        picture = np.asarray(cv2.convertScaleAbs(absent, alpha=-255, beta=255), np.uint8)
+        return CompensatedImage(reference, flow, sums, picture)
 
     def held(self, reference: float) -> CompensatedImage:
         """Return the same image at a later time, when nothing has moved."""
-        return CompensatedImage(
-            reference, np.zeros_like(self.flow), self.sums * np.array([1, 0], np.float32)
-        )
+        counts = self.sums * np.array([1, 0], np.float32)
+        return CompensatedImage(reference, np.zeros_like(self.flow), counts, self.picture)
 
     @property
     def count(self) -> NDArray[np.float32]:
         """Events per pixel (height, width)."""
         return self.sums[..., 0]
-
-    @property
-    def picture(self) -> NDArray[np.uint8]:
-        """Image (height, width) 255 (1 - exp(-count))."""
-        absent = np.exp(-self.count)
-        return np.asarray(cv2.convertScaleAbs(absent, alpha=-255, beta=255), np.uint8)
 
     def at_own_times(self, points: Array, radius: float) -> tuple[Array, Array]:
         """Move points (N, 2) of the picture to the mean times (N,) of their events; return both.
@@ -109,8 +108,8 @@ class MotionCompensation:
     """Pictures of clusters, compensated by the image motion of the features tracked in them.
 
     Where (almost) no event came but the noise of both cameras, nothing moved: such a cluster has
-    the pictures before it, at its own time, so that features are seen at rest. Without noise the
-    cameras may as well have failed.
+    the pictures before it, at its own time, so that features are seen at rest, or blank ones if
+    nothing moved before. Without noise the cameras may as well have failed.
 
     `frames` is the number of latest clusters to which observations may belong. Pixels of the
     pictures are `side` pixels of the events wide; all positions are pixels of the pictures.
@@ -132,9 +131,11 @@ class MotionCompensation:
     def pictures(self, cluster: StereoCluster) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Make the left and right picture of a new cluster at the middle of its interval."""
         middle = 0.5 * (cluster.start + cluster.stop)
-        self.at_rest = len(self._images) > 0 and self._is_still(cluster)
-        if self.at_rest:
+        self.at_rest = self._is_still(cluster)
+        if self.at_rest and self._moving:
             left, right = (image.held(middle) for image in self._moving)
+        elif self.at_rest:
+            left, right = (self._blank(side, middle) for side in (cluster.left, cluster.right))
         else:
             left_flow, right_flow = self._flows
             left, right = both(
@@ -145,18 +146,27 @@ class MotionCompensation:
                 self._moving = left, right
         self._images.append((left, right))
         self._frame_count += 1
-        return both(lambda: left.picture, lambda: right.picture)
+        return left.picture, right.picture
+
+    def _blank(self, events: ClusterEvents, middle: float) -> CompensatedImage:
+        """Make the image of a camera at rest that saw nothing move before."""
+        nothing = replace(events, events=events.events[:0])
+        return CompensatedImage.of_events(nothing, UNKNOWN, middle, self._side)
 
     def _is_still(self, cluster: StereoCluster) -> bool:
-        """Compare the events of both cameras with those of recent clusters."""
+        """Compare the events of both cameras with those of recent clusters that moved, if any."""
         count = cluster.left.contour_count + cluster.right.contour_count
-        full = np.max(self._full_count, initial=0.0)
-        rests = bool(count < NOISY * full) and self._noise.is_noise(cluster)
-        self._still = rests or bool(count < STILL * full)
+        if not self._full_count:
+            rests = self._noise.may_be_noise(cluster)
+            self._still = rests is not False
+        else:
+            full = max(self._full_count)
+            rests = count < NOISY * full and self._noise.is_noise(cluster)
+            self._still = rests or count < STILL * full
         if not self._still:
             self._full_count.append(count)
             self._noise.clear()
-        return rests
+        return bool(rests)
 
     def timed(self, seen: Observations) -> Observations:
         """Move observations from the pictures to the mean times of their events; add the times.
@@ -172,8 +182,10 @@ class MotionCompensation:
             now, radius = seen.frame == number, self._config.time_radius
             if not now.any():
                 continue
-            left[now], times[now, 0] = left_image.at_own_times(seen.left[now], radius)
-            _, times[now, 1] = right_image.at_own_times(seen.right[now], radius)
+            (left[now], times[now, 0]), (_, times[now, 1]) = both(
+                partial(left_image.at_own_times, seen.left[now], radius),
+                partial(right_image.at_own_times, seen.right[now], radius),
+            )
             left[now] += self._lag.ahead(seen.left[now])
         return replace(seen, left=left, right=seen.right + left - seen.left, own_times=times)
 

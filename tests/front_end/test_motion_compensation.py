@@ -118,13 +118,19 @@ def cluster_at(start: float, events: ClusterEvents, noise_count: float = 0.0) ->
     return StereoCluster(start, start + 0.06, noisy, noisy)
 
 
-def scattered(start: float, count: int) -> ClusterEvents:
-    """Make events at random pixels of the whole sensor."""
+def scattered(start: float, count: int, columns: int = SHAPE[1]) -> ClusterEvents:
+    """Make events at random pixels of the whole sensor, or of its first columns."""
     rng = np.random.default_rng(count)
     surface = np.full(SHAPE, -np.inf)
-    pixels = rng.permutation(surface.size)[:count]
-    surface.ravel()[pixels] = rng.uniform(start, start + 0.06, count)
+    pixels = rng.permutation(surface.size)
+    pixels = pixels[pixels % SHAPE[1] < columns][:count]
+    surface.ravel()[pixels] = rng.uniform(start, start + 0.06, len(pixels))
     return of_surface(surface)
+
+
+def contours(start: float, count: int) -> ClusterEvents:
+    """Make events of contours, which are in the left half of the sensor."""
+    return scattered(start, count, SHAPE[1] // 2)
 
 
 @pytest.mark.parametrize(("events", "noise_count"), [(120, 0.0), (500, 490.0)])
@@ -135,7 +141,7 @@ def test_at_rest_pictures_are_held_and_times_go_on(events: int, noise_count: flo
     pictures, observed = [], []
     for number in range(5):
         start, still = 0.06 * number, number >= 3
-        seen = scattered(start, events if still else 3000)
+        seen = scattered(start, events) if still else contours(start, 2000)
         pictures.append(
             compensation.pictures(cluster_at(start, seen, noise_count if still else 0.0))
         )
@@ -153,11 +159,24 @@ def test_at_rest_pictures_are_held_and_times_go_on(events: int, noise_count: flo
 def test_motion_after_rest_has_pictures_of_its_own_events() -> None:
     compensation = MotionCompensation(CompensationConfig(), frames=5)
     for number, count in enumerate([1000, 1000, 10, 900]):
-        left, _ = compensation.pictures(cluster_at(0.06 * number, scattered(0.06 * number, count)))
+        left, _ = compensation.pictures(cluster_at(0.06 * number, contours(0.06 * number, count)))
     assert not compensation.at_rest
     fresh = MotionCompensation(CompensationConfig(), frames=5)
-    expected, _ = fresh.pictures(cluster_at(0.18, scattered(0.18, 900)))
+    expected, _ = fresh.pictures(cluster_at(0.18, contours(0.18, 900)))
     np.testing.assert_array_equal(left, expected)
+
+
+@pytest.mark.parametrize("count", [200, 600, 2500])
+def test_a_stream_that_begins_at_rest_shows_nothing_until_something_moves(count: int) -> None:
+    """Noise of both cameras is no motion, whatever its rate."""
+    compensation = MotionCompensation(CompensationConfig(), frames=5)
+    for number in range(8):
+        seen = cluster_at(0.06 * number, scattered(0.06 * number, count + number))
+        left, right = compensation.pictures(seen)
+        assert compensation.at_rest and not (left.any() or right.any())
+    for number in range(8, 10):
+        left, _ = compensation.pictures(cluster_at(0.06 * number, contours(0.06 * number, 1500)))
+        assert left.any() and not compensation.at_rest
 
 
 def test_half_resolution_pictures_are_those_of_events_in_larger_pixels() -> None:

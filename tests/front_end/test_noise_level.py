@@ -42,6 +42,15 @@ def test_noise_of_any_rate_is_that_of_a_camera_at_rest(rate: float) -> None:
     assert all(judged[4:])
 
 
+def test_a_stream_begins_with_noise_only_if_it_is_even() -> None:
+    level, rng = NoiseLevel(), np.random.default_rng(0)
+    assert level.may_be_noise(cluster(np.zeros(SHAPE, bool))) is None
+    assert level.may_be_noise(noise(1.0, rng)) is True
+    level.clear()
+    mixed = cluster(noise(1.0, rng).left.active | contours(0.9, rng).left.active)
+    assert level.may_be_noise(mixed) is False
+
+
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.5])
 def test_what_is_left_of_contours_is_not(share: float) -> None:
     level, rng = NoiseLevel(), np.random.default_rng(0)
