@@ -151,10 +151,10 @@ class FrontEnd:
         speed = self._tracklets.image_speed()
         return None if speed is None else speed / self._tracked_pixel
 
-    def tell_pose(self, latest: Callable[[], MotionEstimate | None]) -> None:
-        """Tell the tracker the pose of the cluster before, which a user's own need not ask for."""
-        if self._motion is not None and (estimate := latest()) is not None:
-            self._motion.restart(estimate.t, estimate.T_world_cam)
+    def tell_pose(self, latest: MotionEstimate | None) -> None:
+        """Tell the tracker the estimate at the cluster before, which a user's own may not need."""
+        if self._motion is not None and latest is not None:
+            self._motion.restart(latest.t, latest.T_world_cam)
 
     @property
     def _motion(self) -> EgoMotion | None:

@@ -24,7 +24,7 @@ from gpvo.process_setting import quick_switches
 from gpvo.recordings import Recording, StereoEvents, StereoRig
 from gpvo.second_thread import SecondThread
 from gpvo.tracking import Tracker
-from gpvo.trajectory import Trajectory
+from gpvo.trajectory import MotionEstimate, Trajectory
 from gpvo.verdict import Verdict, verdict
 
 T = TypeVar("T")
@@ -62,6 +62,7 @@ class Odometry:
         self.estimator = estimator or make_estimator(self.camera, self._front_end.noise, config)
         self._measurements = GatheredMeasurements(self.estimator, config.interval)
         self._estimates = SecondThread[ClusterReport]()
+        self._latest: MotionEstimate | None = None
 
     def run(
         self,
@@ -124,7 +125,7 @@ class Odometry:
                 report = ClusterReport.of(cluster, tracked)
                 self._watch.see_cluster(cluster, report)
                 yield from self._estimates.wait()
-                self._front_end.tell_pose(self.estimator.latest)
+                self._front_end.tell_pose(self._latest)
                 self._estimates.start(self._estimate, cluster, tracked, report)
 
     def _ended(self) -> Iterator[ClusterReport]:
@@ -144,6 +145,7 @@ class Odometry:
         # With several threads of BLAS results would differ in their last bits.
         with self._stage("estimation"), one_blas_thread():
             self._measurements.add(cluster.stop, tracked.measurements, tracked.velocity_estimate)
+            self._latest = self.estimator.latest()
         self.reports.append(report)
         self._observer(Step(cluster, tracked, report, self.estimator))
         return report

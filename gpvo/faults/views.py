@@ -84,7 +84,9 @@ def correlation(left: Array, right: Array) -> Array:
     Shifts down and to the right are positive.
     """
     height, width = left.shape
-    reach, size = width // 3, (height + ROWS, width + width // 3)
+    reach = width // 3
+    # What is shifted out of a picture must not come back in; some larger sizes are much faster.
+    size = cv2.getOptimalDFTSize(height + ROWS), cv2.getOptimalDFTSize(width + reach)
     spectrum = np.conj(np.fft.rfft2(left, size)) * np.fft.rfft2(right, size)
     shifts = np.fft.irfft2(spectrum, size) / (np.linalg.norm(left) * np.linalg.norm(right))
     rows, columns = np.arange(-ROWS, ROWS + 1), np.arange(-reach, reach + 1)

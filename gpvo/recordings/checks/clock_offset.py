@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.ndimage import uniform_filter1d
 
 Array = NDArray[np.float64]
@@ -91,9 +92,9 @@ def lagged_products(left: Array, right: Array, reach: int) -> Array:
 
     Every one of the (B, 2 reach + 1) sums is of all of the middle, so that ends do not count.
     """
-    length = left.shape[1]
-    middle = left[:, reach : length - reach]
-    spectrum = np.fft.rfft(right, axis=1) * np.conj(np.fft.rfft(middle, length, axis=1))
+    length = next_fast_len(left.shape[1], real=True)
+    middle = left[:, reach : left.shape[1] - reach]
+    spectrum = np.fft.rfft(right, length) * np.conj(np.fft.rfft(middle, length))
     return np.asarray(np.fft.irfft(spectrum, length, axis=1)[:, : 2 * reach + 1])
 
 
