@@ -122,6 +122,11 @@ def standstill(seconds: float, noise: float) -> Harm:
     return harm
 
 
+def at_first(harm: Harm) -> Harm:
+    """Harm the beginning of a recording."""
+    return lambda recording, t, rng: harm(recording, 1e-3, rng)
+
+
 def _noise(
     resolution: tuple[int, int], rate: float, start: float, seconds: float, rng: Rng
 ) -> Events:
@@ -245,6 +250,7 @@ FAULTS = (
     Fault("0.5 s of events missing", missing(0.5), HARMED, "no events", harmless=True),
     Fault("2 s standstill without events", standstill(2.0, 0.0), HARMED, "no events"),
     Fault("2 s standstill with noise", standstill(2.0, 0.2), MEASURED),
+    Fault("2 s of rest at first", at_first(standstill(2.0, 0.2)), MEASURED, harmless=True),
     Fault("a pixel at 1 MHz", hot_pixel, MEASURED, "hot", harmless=True),
     Fault("right loses 30 %", right_loses(0.3), MEASURED, harmless=True),
     Fault("right loses 70 %", right_loses(0.7), HARMED, "right camera"),

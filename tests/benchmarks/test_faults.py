@@ -57,6 +57,16 @@ def test_a_camera_that_stands_still_does_not_move(sound: SimulatedRecording) -> 
     assert odometry.verdict().word == "good"
 
 
+@pytest.mark.parametrize("noise", [0.2, 5.0])
+def test_a_recording_may_begin_at_rest(sound: SimulatedRecording, noise: float) -> None:
+    """The camera stands for most of the time: nothing is lost, and nothing is blamed."""
+    still = standstill(2.0, noise)(sound, 0.001, np.random.default_rng(0))
+    odometry = Odometry(still.rig)
+    trajectory = odometry.run(still)
+    assert 2.0 < trajectory.start < 2.1
+    assert odometry.verdict().word == "good" and odometry.faults == []
+
+
 def test_the_table_marks_what_is_right_and_what_harms() -> None:
     rows = [
         FaultResult(CAMERA, 3, "unharmed", 2.0, 1e-3, 6.0, "good", ()),
