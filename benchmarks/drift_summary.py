@@ -53,6 +53,8 @@ class DriftResult:
     def line(self) -> str:
         """Format the result in one line."""
         errors = f"final {self.final_percent:.2f} %, {1e3 * self.rms:.1f} mm RMS"
+        if np.isfinite(self.last_round):
+            errors += f", last round {self.last_round:.2f} times the first"
         return f"{self.case}, seed {self.seed}, {self.variant}: {self.failure or errors}"
 
 

@@ -107,17 +107,18 @@ class FittedLandmarks:
         T_first (4, 4) is the pose at the first state, and `offset` (P, 3) the error of the prior
         where nothing deviates (see `LandmarkPrior.at`).
         """
+        views = self._prior.views(T_first)
         charts = np.empty((len(self.number), 4, 4))
         charts[self._measured] = T[self._nearest]
-        charts[self._with_prior] = T_first
+        charts[self._with_prior] = views[self.prior_of[self._with_prior]]
         ones = np.ones(len(T))
         if self.loss.other is None:
-            found = self._stepped(T, charts, self._initial, T_first, offset, ones, _MAX_STEPS)
+            found = self._stepped(T, charts, self._initial, views, offset, ones, _MAX_STEPS)
             return Fit(T, charts, *found, self.loss.weights(found[1]))
-        found = self._stepped(T, charts, self._initial, T_first, offset, ones, 0)
+        found = self._stepped(T, charts, self._initial, views, offset, ones, 0)
         for _ in range(_MAX_STEPS):
             before, weights = found[0], self.loss.weights(found[1])
-            found = self._stepped(T, charts, before, T_first, offset, weights, 1)
+            found = self._stepped(T, charts, before, views, offset, weights, 1)
             if np.abs(found[0] - before).max(initial=0.0) <= _TOLERANCE:
                 break
         return Fit(T, charts, *found, self.loss.weights(found[1]))
@@ -127,13 +128,13 @@ class FittedLandmarks:
         T: Array,
         charts: Array,
         coordinates: Array,
-        T_first: Array,
+        views: Array,
         offset: Array,
         weights: Array,
         steps: int,
     ) -> tuple[Array, Array]:
         measured = self.start, self.measured, self.camera, self.whitening, weights
-        known = T_first, self.prior_of, self._prior.seen, self._prior.root, offset
+        known = views, self.prior_of, self._prior.seen, self._prior.root, offset
         return landmarks_kernel(
             T, charts, coordinates, *measured, self.loss.parameters, *known, steps
         )

@@ -3,7 +3,7 @@
 A landmark's coordinates are (x / z, y / z, 1 / z) in a frame of its own, its chart: homogeneous, so
 that nothing special happens at infinity or a little beyond. The k-th landmark's measurements are
 those from start[k] to start[k + 1], and prior[k] is the number of its prior, or -1: a measurement
-of these coordinates in the frame of the first state (see `LandmarkPrior`).
+of these coordinates in the frame of its view (see `LandmarkPrior`).
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def landmarks_kernel(
     whitening: Array,
     weights: Array,
     loss: Array,
-    T_first: Array,
+    views: Array,
     prior: Index,
     seen: Array,
     root: Array,
@@ -81,21 +81,22 @@ def landmarks_kernel(
     """(L, 3) coordinates in the charts (L, 4, 4) after some steps of Newton's method.
 
     Also the norms (n,) of the whitened errors there. The losses are times the weights (n,). The
-    priors' errors are root (P, 3, 3) times the difference from seen (P, 3), plus offset (P, 3). A
-    step is halved until the cost falls; it is one of iteratively reweighted least squares where
-    the cost is not convex. The last one, too small for the cost to tell, is taken as it is.
+    priors' errors are root (P, 3, 3) times the difference from seen (P, 3) in the views (P, 4, 4),
+    plus offset (P, 3). A step is halved until the cost falls; it is one of iteratively reweighted
+    least squares where the cost is not convex. The last one, too small for the cost to tell, is
+    taken as it is.
     """
     found, trial, distances = coordinates.copy(), coordinates.copy(), np.empty(len(T))
     system, step, factors = np.empty((7, 4)), np.zeros(3), np.empty((2, 3, 3))
     work, tried = (np.empty(3), np.empty((3, 3)), np.empty((3, 10))), (charts, trial)
     known = seen, root, offset, np.array([1.0, 1.0, 0.0, 0.0, 1.0])
-    T_prior, sensor = T_first.reshape(1, 4, 4), (camera, whitening)
+    sensor = camera, whitening
     for k in range(len(found)):
         left, before, scale, settled = steps, np.inf, 1.0, False
         while True:
             system[:] = 0.0
             if prior[k] >= 0:
-                _add_prior_kernel(T_prior, tried, k, known, prior[k], work, system)
+                _add_prior_kernel(views, tried, k, known, prior[k], work, system)
             for n in range(start[k], start[k + 1]):
                 landmark_rows_kernel(T, n, tried, k, measured, n, sensor, work)
                 _add_measurement_kernel(work[2], n, weights, loss, system, distances)
@@ -181,12 +182,12 @@ def _seen_kernel(
 def prior_rows_kernel(T: Array, landmarks: Pair, k: int, known: Known, n: int, work: Work) -> None:
     """Write the error root ((x / z, y / z, 1 / z)(T) - seen) + offset and its derivatives.
 
-    Of the prior number n, from the only pose T (1, 4, 4). Known are seen (P, 3), root (P, 3, 3),
+    Of the prior number n, from its view T[n]. Known are seen (P, 3), root (P, 3, 3),
     offset (P, 3), and the unit camera (1, 1, 0, 0, 1), of focal length and baseline one, which
     measures just these coordinates. The others are those of `landmark_rows_kernel`.
     """
-    (seen, root, offset, unit), rows, i = known, work[2], len(T) - 1
-    landmark_rows_kernel(T, i, landmarks, k, seen, n, (unit, root), work)
+    (seen, root, offset, unit), rows = known, work[2]
+    landmark_rows_kernel(T, n, landmarks, k, seen, n, (unit, root), work)
     for r in range(3):
         rows[r, 9] += offset[n, r]
 

@@ -16,11 +16,11 @@ from factors.structureless.prior_kernels import moved_rows_kernel
 class LandmarkPrior:
     """Landmarks as they are seen from the first state of a window, given that state.
 
-    For each landmark it is one measurement q = (x / z, y / z, 1 / z) in the camera's frame at that
-    state, with an error that also depends on the state x and on variables s that all landmarks
-    share: R (q - seen) + A dx + C s + e ~ N(0, 1), s ~ N(0, 1). It has no information on the
-    state itself; that is in the graph. All is relative to the camera, so that no shift or turn of
-    the world changes it.
+    For each landmark it is one measurement q = (x / z, y / z, 1 / z) in a view from that state: the
+    camera's frame, turned so that the landmark is ahead. Its error also depends on the state x and
+    on variables s that all landmarks share: R (q - seen) + A dx + C s + e ~ N(0, 1), s ~ N(0, 1).
+    It has no information on the state itself; that is in the graph. All is relative to the camera,
+    so that no shift or turn of the world changes it.
 
     Attributes
     ----------
@@ -28,6 +28,8 @@ class LandmarkPrior:
         (P,) increasing identities of the landmarks.
     seen
         (P, 3) coordinates that the errors were linearized at.
+    R_cam_view
+        (P, 3, 3) turns of the views.
     root, rows
         R (P, 3, 3), and C, A and e beside each other, (P, 3, d + 12 + 1).
     T_world_cam, velocity
@@ -41,6 +43,7 @@ class LandmarkPrior:
 
     number: NDArray[np.int64]
     seen: Array
+    R_cam_view: Array
     root: Array
     rows: Array
     T_world_cam: Array
@@ -54,6 +57,7 @@ class LandmarkPrior:
         object.__setattr__(self, "number", number.astype(np.int64))
         for name, shape in (
             ("seen", (count, 3)),
+            ("R_cam_view", (count, 3, 3)),
             ("root", (count, 3, 3)),
             ("rows", (count, 3, max(columns, 13))),
             ("T_world_cam", (4, 4)),
@@ -70,6 +74,7 @@ class LandmarkPrior:
         return LandmarkPrior(
             np.empty(0, np.int64),
             np.empty((0, 3)),
+            np.empty((0, 3, 3)),
             np.empty((0, 3, 3)),
             np.empty((0, 3, 13)),
             np.eye(4),
@@ -94,8 +99,19 @@ class LandmarkPrior:
         """A (P, 3, 12)."""
         return self.rows[:, :, -13:-1]
 
+    def views(self, T_world_cam: Array) -> Array:
+        """Return the poses (P, 4, 4) of the views from a pose."""
+        return views_of(T_world_cam, self.R_cam_view)
+
     def at(self, T_world_cam: Array, velocity: Array) -> Array:
         """Return C, A and A dx + e (P, 3, d + 12 + 1) of the state as it is now."""
         rows = self.rows.copy()
         moved_rows_kernel(self.T_world_cam, self.velocity, T_world_cam, velocity, self.rows, rows)
         return rows
+
+
+def views_of(T_world_cam: Array, R_cam_view: Array) -> Array:
+    """Return the poses (P, 4, 4) of a camera's pose (4, 4) with turns (P, 3, 3)."""
+    T = np.repeat(T_world_cam[None], len(R_cam_view), axis=0)
+    T[:, :3, :3] = T_world_cam[:3, :3] @ R_cam_view
+    return T

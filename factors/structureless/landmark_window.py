@@ -218,7 +218,8 @@ class LandmarkWindow:
         rows = prior.at(T_first, v_first)
         by_landmark = np.empty((len(prior), 3, 3))
         prior_system_kernel(
-            T_first,
+            prior.views(T_first),
+            prior.R_cam_view,
             fit.charts,
             fit.coordinates,
             prior_of,

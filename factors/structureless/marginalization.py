@@ -19,11 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import checked_array
 from factors.kernels.se3 import Array
+from factors.lie import se3_exp
 from factors.linear_states import LinearStatesFactor
 from factors.structureless.fitted_landmarks import Fit, FittedLandmarks
 from factors.structureless.identities import are_in, increasing
 from factors.structureless.joint_system import Eliminated, JointSystem, root_kernel
-from factors.structureless.landmark_prior import LandmarkPrior
+from factors.structureless.landmark_prior import LandmarkPrior, views_of
 from factors.structureless.multi_landmark import StructurelessStereoFactor
 from factors.structureless.prior_kernels import known_from_kernel
 
@@ -34,6 +35,14 @@ SHARED = 24
 
 AHEAD = 0.2
 """Least depth of a landmark, as a share of its distance: x / z and y / z end beside the camera."""
+
+_RIGHT_ANGLES = np.array(
+    [(0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 2, 0)], np.float64
+)
+VIEWS = np.stack(
+    [np.round(se3_exp([*turn, 0, 0, 0])[:3, :3]) for turn in 0.5 * np.pi * _RIGHT_ANGLES]
+)
+"""R_cam_view (6, 3, 3) of the views of landmarks: the camera's, and the other faces of a cube."""
 
 
 class Marginal(NamedTuple):
@@ -70,8 +79,7 @@ def marginalize(
     others
         The other factors between the states that leave and the first that stays.
     landmarks
-        Identities of the landmarks to keep, those that may be measured later. One that is not
-        ahead of the camera then is forgotten.
+        Identities of the landmarks to keep, those that may be measured later.
     drift
         (3,) standard deviation of how far the tracks of landmarks, (u_left, v, disparity), have
         moved on these since the last prior; pixels. Zero if landmarks are points. Or (L, 3), one
@@ -104,16 +112,20 @@ def marginalize(
     state = T_states[count], v_states[count]
     number = window.landmarks.number
     keep = are_in(increasing(np.asarray(landmarks)), number) & system.known
-    keep &= _are_ahead(fit.points(), T_states[count])
     moved = _moved(drift, window.landmarks)
-    prior = _prior(number[keep], fit, system, given, keep, state, moved, shared)
+    turns = _turns_to(fit.points()[keep], T_states[count])
+    prior = _prior(number[keep], turns, fit, system, given, keep, state, moved, shared)
     return Marginal(factor, prior)
 
 
-def _are_ahead(points: Array, T_world_cam: Array) -> NDArray[np.bool_]:
-    """Tell which points (L, 3) a camera has before it."""
+def _turns_to(points: Array, T_world_cam: Array) -> Array:
+    """Return the turns R_cam_view (P, 3, 3) of views that have points (P, 3) ahead.
+
+    It is the camera's own view if that has: see AHEAD.
+    """
     local = (points - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]
-    return local[:, 2] > AHEAD * np.linalg.norm(local, axis=1)
+    ahead = local[:, 2] > AHEAD * np.linalg.norm(local, axis=1)
+    return VIEWS[np.where(ahead, 0, np.argmax(local @ VIEWS[:, :, 2].T, axis=1))]
 
 
 def _moved(drift: ArrayLike, landmarks: FittedLandmarks) -> Array:
@@ -168,6 +180,7 @@ def _leaving_given_next(system: JointSystem, others: Array) -> _Leaving:
 
 def _prior(
     number: Index,
+    turns: Array,
     fit: Fit,
     system: JointSystem,
     given: _Leaving,
@@ -178,17 +191,20 @@ def _prior(
 ) -> LandmarkPrior:
     """Make the prior of the landmarks that are kept (P of L), given the state of its window.
 
-    Coordinates have moved by (L, 3) standard deviations since.
+    They are seen in views turned by R_cam_view (P, 3, 3). Coordinates have moved by (L, 3) standard
+    deviations since.
     """
     some = [part.only(keep[part.of]) for part in system.landmarks]
     turn, place = _turned(some, given, shared), np.cumsum(keep) - 1
     d, count = min(shared, len(turn) - 13), len(number)
     found = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3, d + 13))
+    views = views_of(state[0], turns)
     for part in some:
         turned = (part.flat @ turn[part.columns]).reshape(-1, 3, len(turn))
         places, known = (part.of, place[part.of]), (fit.charts, fit.coordinates, moved)
-        known_from_kernel(state[0], *places, *known, part.root, turned, *found)
-    return LandmarkPrior(number, *found, *state)
+        known_from_kernel(views, turns, *places, *known, part.root, turned, *found)
+    seen, root, rows = found
+    return LandmarkPrior(number, seen, turns, root, rows, *state)
 
 
 def _turned(some: list[Eliminated], given: _Leaving, shared: int) -> Array:

@@ -43,7 +43,8 @@ def moved_rows_kernel(
 
 @kernel
 def prior_system_kernel(
-    T_first: Array,
+    views: Array,
+    turns: Array,
     charts: Array,
     coordinates: Array,
     prior: Index,
@@ -55,17 +56,19 @@ def prior_system_kernel(
     """Complete the rows (P, 3, d + 12 + 1) of a prior, and write those by its landmarks (P, 3, 3).
 
     Rows hold those of `LandmarkPrior.at`; the error of the coordinates and its Jacobian with
-    respect to the first state's pose are added.
+    respect to the first state's pose are added. The views (P, 4, 4) are that pose, turned by
+    R_cam_view (P, 3, 3).
     """
     state = rows.shape[2] - 13
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
     known = seen, root, np.zeros((len(rows), 3)), np.array([1.0, 1.0, 0.0, 0.0, 1.0])
-    T, landmarks = T_first.reshape(1, 4, 4), (charts, coordinates)
+    landmarks = charts, coordinates
     for k in range(len(prior)):
         p = prior[k]
         if p >= 0:
-            prior_rows_kernel(T, landmarks, k, known, p, (h, by_h, found))
+            prior_rows_kernel(views, landmarks, k, known, p, (h, by_h, found))
             pose_rows_kernel(coordinates[k, 2], h, by_h, 1.0, found)
+            _turn_kernel(turns, p, found)
             for r in range(3):
                 rows[p, r, -1] += found[r, 9]
                 for c in range(6):
@@ -97,7 +100,8 @@ def add_prior_products_kernel(
 
 @kernel
 def known_from_kernel(
-    T_now: Array,
+    views: Array,
+    turns: Array,
     of: Index,
     place: Index,
     charts: Array,
@@ -109,23 +113,26 @@ def known_from_kernel(
     root: Array,
     rows: Array,
 ) -> None:
-    """Write what is known of landmarks `of` (n,) as they are seen from a pose, at their place (n,).
+    """Write what is known of landmarks `of` (n,) as they are seen in views, at their place (n,).
 
-    Their own rows (n, 3, 3) are with respect to coordinates (L, 3) in the charts; `turned` holds
-    those of the variables that are kept (d), of the state there (12), of the error, and of the
-    other variables, which only add noise, as the move of the coordinates by (L, 3) deviations does.
+    The views (P, 4, 4) are those of a pose, turned by R_cam_view (P, 3, 3). The landmarks' own rows
+    (n, 3, 3) are with respect to coordinates (L, 3) in the charts; `turned` holds those of the
+    variables that are kept (d), of the state there (12), of the error, and of the other variables,
+    which only add noise, as the move of the coordinates by (L, 3) deviations does.
     Written are the coordinates (P, 3), and the rows of these (P, 3, 3) and of the first d + 12 + 1
     columns, the noise being one.
     """
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
     noise, inverse = np.empty((3, 3)), np.empty((3, 3))
-    zero, eye = np.zeros((1, 3)), np.eye(3).reshape(1, 3, 3)
+    zero, eye = np.zeros((len(seen), 3)), np.empty((len(seen), 3, 3))
+    eye[:] = np.eye(3)
     known, width = (zero, eye, zero, np.array([1.0, 1.0, 0.0, 0.0, 1.0])), rows.shape[2]
-    T, landmarks = T_now.reshape(1, 4, 4), (charts, coordinates)
+    landmarks = charts, coordinates
     for n in range(len(of)):
         k, p = of[n], place[n]
-        prior_rows_kernel(T, landmarks, k, known, 0, (h, by_h, found))
+        prior_rows_kernel(views, landmarks, k, known, p, (h, by_h, found))
         pose_rows_kernel(coordinates[k, 2], h, by_h, 1.0, found)
+        _turn_kernel(turns, p, found)
         _inverse_kernel(found, inverse)
         for i in range(3):
             seen[p, i] = found[i, 9]
@@ -148,6 +155,19 @@ def known_from_kernel(
         factorize_kernel(noise)
         solve_lower_kernel(noise, root[p])
         solve_lower_kernel(noise, rows[p])
+
+
+@bare_kernel
+def _turn_kernel(turns: Array, p: int, rows: Array) -> None:
+    """Make of the Jacobian of a view, columns 0 to 5 of rows (3, 10), that of the camera's pose.
+
+    The camera turned by ω turns the view by Rᵀ ω, R = turns[p]; so for its shifts.
+    """
+    for i in range(3):
+        for first in (0, 3):
+            x, y, z = rows[i, first], rows[i, first + 1], rows[i, first + 2]
+            for c in range(3):
+                rows[i, first + c] = turns[p, c, 0] * x + turns[p, c, 1] * y + turns[p, c, 2] * z
 
 
 @bare_kernel

@@ -121,10 +121,10 @@ class KltConfig(StageConfig):
         "and the correlation of left and right; otherwise all have those of R.",
     )
     lost_landmarks: int = Field(
-        default=300,
+        default=450,
         ge=0,
-        description="Landmarks that were lost, the latest ones, which are searched where the "
-        "motion brings them back into view; 0 for none.",
+        description="Landmarks that were lost, which are searched where the motion brings them "
+        "back into view: two thirds the latest, the others spread over all before; 0 for none.",
     )
     search_tolerance: float = Field(
         default=3.0,
@@ -428,10 +428,11 @@ class EstimatorConfig(StageConfig):
         "the window.",
     )
     lost_landmarks: int = Field(
-        default=300,
+        default=450,
         ge=0,
         description="Landmarks that fixed_lag remembers when they are not measured in the window "
-        "any more, those measured latest: they may be known again. 0 for none.",
+        "any more, because they may be known again: two thirds the latest, the others spread over "
+        "all before. 0 for none.",
     )
     lag: float | None = Field(
         default=None,

@@ -2,8 +2,8 @@
 
 The factor is replaced at each update. What is measured next to states that leave is marginalised:
 it leaves a factor of those states, and a prior of the landmarks as they are seen from the first
-state that stays. The latest landmarks that are not measured in the window any more stay in it: they
-cost little, and tie the motion to where it was when they are found again.
+state that stays. Some landmarks that are not measured in the window any more stay in it: they cost
+little, and tie the motion to where it was when they are found again.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from factors.structureless.identities import are_in, increasing, repeated
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
 from gpvo.estimator.state_times import SAME_TIME
+from gpvo.remembered import remembered
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.states import States, bracket
 
@@ -154,9 +155,9 @@ class WindowLandmarks:
         return np.repeat(np.hypot(walk * moves, jump)[:, None], 3, axis=1)
 
     def _remember(self, lost: Index, away: Index) -> None:
-        """Remember landmarks that are lost now, and the latest of the others still away."""
+        """Remember landmarks that are lost now, and of the others still away."""
         lost = np.concatenate([self._lost[are_in(away, self._lost)], lost])
-        self._lost = lost[max(len(lost) - self._build.config.lost_landmarks, 0) :]
+        self._lost = lost[remembered(lost, self._build.config.lost_landmarks)]
 
     def _follow(self, update: GraphUpdate, window: NumberedStates) -> None:
         self._factor, self._state_count = self.factor_of(window), len(window.states)

@@ -75,13 +75,19 @@ def query(t: Any = 0.05, t_j: Any = 0.1, v_i: Any = (0,) * 6, **covariance: Any)
 def known(**changed: Any) -> object:
     """What is known of one landmark, with something wrong."""
     given = {"number": [3], "seen": np.ones((1, 3)), "root": np.ones((1, 3, 3))}
-    given |= {"rows": np.ones((1, 3, 13)), "T_world_cam": np.eye(4), "velocity": np.zeros(6)}
+    given |= {
+        "R_cam_view": np.ones((1, 3, 3)),
+        "rows": np.ones((1, 3, 13)),
+        "T_world_cam": np.eye(4),
+        "velocity": np.zeros(6),
+    }
     return LandmarkPrior(**{**given, **changed})
 
 
 CASES: list[tuple[str, Callable[[], object]]] = [
     ("number", lambda: known(number=[0.5])),
     ("seen", lambda: known(number=[1, 2])),
+    ("R_cam_view", lambda: known(R_cam_view=np.eye(4)[None])),
     ("root", lambda: known(root=np.ones((1, 3, 2)))),
     ("rows", lambda: known(rows=np.ones((1, 3, 12)))),
     ("velocity", lambda: known(velocity=np.full(6, np.nan))),

@@ -20,13 +20,15 @@ from windows import (
     in_sigmas,
     keys,
     mean_and_covariance,
+    moved_points,
     moved_world,
     of_correlations,
     retracted,
 )
 
 from factors import LandmarkPrior, Marginal, StructurelessStereoFactor, marginalize
-from factors.lie import se3_exp
+from factors.lie import se3_exp, se3_inverse
+from factors.structureless import marginalization
 
 Array = NDArray[np.float64]
 
@@ -247,15 +249,35 @@ def test_each_landmark_may_drift_by_itself() -> None:
     np.testing.assert_array_equal(alone.root[~first], still.root[~first])
 
 
-def test_landmarks_that_are_not_ahead_any_more_are_forgotten() -> None:
+def test_landmarks_behind_the_camera_are_known_in_another_view() -> None:
     """The camera turns by more than a right angle on its way to the state that stays."""
     values = gtsam.Values(WINDOW.truth)
     turned = gtsam.Pose3(gtsam.Rot3.Ry(2.0), np.zeros(3))
     values.update(X(2), values.atPose3(X(2)).compose(turned))
-    for count, known in ((1, True), (2, False)):
+    for count, behind in ((1, False), (2, True)):
         factor, others = WINDOW.factor(0, QC), WINDOW.chain(0, count)
-        left = marginalize(factor, values, count, others, WINDOW.landmark)
-        assert (len(left.prior) > 0) == known
+        prior = marginalize(factor, values, count, others, WINDOW.landmark).prior
+        T = se3_inverse(prior.views(values.atPose3(X(count)).matrix()))
+        points = dict(zip(*factor.landmarks(values), strict=True))
+        local = moved_points(T, np.array([points[number] for number in prior.number]))
+        assert (local[:, 2] > 0.5 * np.linalg.norm(local, axis=1)).all()
+        expected = np.column_stack([local[:, :2], np.ones(len(local))]) / local[:, 2:]
+        np.testing.assert_allclose(prior.seen, expected, atol=1e-6)
+        assert (prior.R_cam_view != np.eye(3)).any() == behind
+
+
+@PROCESS
+def test_the_views_do_not_matter(qc: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the states that stay, whose information the prior's landmarks share."""
+    found = {}
+    for turn in (0.0, 0.8):
+        R = se3_exp([0.3 * turn, turn, 0.1 * turn, 0, 0, 0])[:3, :3]
+        monkeypatch.setattr(marginalization, "VIEWS", np.tile(R, (6, 1, 1)))
+        left = marginal(WINDOW, WINDOW.truth, qc, 2)
+        motion, following = WINDOW.chain(0, WINDOW.count - 1), WINDOW.factor(2, qc, left.prior)
+        graph, at = graph_of(motion, left.factor, following), WINDOW.truth
+        found[turn] = mean_and_covariance(graph, at, keys(0, WINDOW.count))[1]
+    assert of_correlations(found[0.8], found[0.0]) < 1e-9
 
 
 def test_redundancy_counts_what_is_measured_here() -> None:

@@ -85,9 +85,9 @@ class Window:
             [*rng.uniform(40, 260, (2, landmarks)), rng.uniform(5, 16, landmarks)]
         )
         T_birth = se3_exp(begin[:, None] * twist)
-        points = _moved(T_birth, CAMERA.triangulate(stereo))
+        points = moved_points(T_birth, CAMERA.triangulate(stereo))
         measured = CAMERA.project(
-            _moved(se3_inverse(T_all[t_all.searchsorted(t)]), points[landmark])
+            moved_points(se3_inverse(T_all[t_all.searchsorted(t)]), points[landmark])
         )
         measured += noise * rng.normal(size=measured.shape) * NOISE.sigmas()
         return Window(t_states, measured, t, landmark, points, t_all, T_all, v_all)
@@ -227,5 +227,5 @@ def _motion(
     return T, v
 
 
-def _moved(T: Array, points: Array) -> Array:
+def moved_points(T: Array, points: Array) -> Array:
     return np.einsum("nij,nj->ni", T[:, :3, :3], points) + T[:, :3, 3]

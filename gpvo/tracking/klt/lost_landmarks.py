@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from gpvo.array_table import ArrayTable
+from gpvo.remembered import remembered
 from gpvo.tracking.klt.anchors import Anchors
 from gpvo.tracking.klt.frame import Frame
 from gpvo.tracking.sights import Sights, predict
@@ -68,7 +69,7 @@ class LostLandmarks:
         if self.last is not None:
             found = np.isin(self.last.landmark, frame.landmark)
             all_lost = LastSights.concatenate([self.last[~found], all_lost])
-        self.last = all_lost[max(len(all_lost) - self._size, 0) :]
+        self.last = all_lost[remembered(all_lost.landmark, self._size)]
 
     def in_view(self, frame: Frame, spacing: float) -> tuple[LastSights, Array] | None:
         """Return landmarks that the motion takes into a frame, and where, (u_left, v, disparity).
