@@ -9,8 +9,7 @@ import numpy as np
 
 from factors.checks import checked_array, checked_key, checked_poses
 from factors.factor import Factor
-from factors.kernels.se3 import Array
-from factors.lie import se3_inverse, se3_log
+from factors.kernels.se3 import Array, kernel, log_kernel, relative_kernel
 from factors.variables import POSE3, TWIST, Variable
 
 
@@ -34,10 +33,10 @@ class LinearStatesFactor(Factor):
 
     def __init__(self, keys: Sequence[int], T_states: Array, v_states: Array, rows: Array) -> None:
         keys = [checked_key("keys", key) for key in keys]
-        T_inverse = se3_inverse(checked_poses("T_states", T_states))
+        T_states = checked_poses("T_states", T_states).copy()
         v_states = checked_array("v_states", v_states, (6,)).copy()
-        if not (v_states.ndim == 2 and len(keys) == 2 * len(T_inverse) == 2 * len(v_states)):
-            raise ValueError(f"keys must be two for each of {len(T_inverse)} states")
+        if not (v_states.ndim == 2 and len(keys) == 2 * len(T_states) == 2 * len(v_states)):
+            raise ValueError(f"keys must be two for each of {len(T_states)} states")
         rows = checked_array("rows", rows, (6 * len(keys) + 1,)).copy()
         if rows.ndim != 2:
             raise ValueError(f"rows must have the shape (n, {rows.shape[-1]}), not {rows.shape}")
@@ -45,7 +44,7 @@ class LinearStatesFactor(Factor):
         def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
             T = np.array([values.atPose3(key).matrix() for key in keys[::2]])
             v = np.array([values.atVector6(key) for key in keys[1::2]])
-            moved = np.hstack([se3_log(T_inverse @ T), v - v_states]).ravel()
+            moved = steps_kernel(T_states, v_states, T, v)
             if jacobians is not None:
                 for block in range(len(keys)):
                     jacobians[block] = rows[:, 6 * block : 6 * block + 6]
@@ -56,3 +55,13 @@ class LinearStatesFactor(Factor):
         ]
         made_of = {"keys": keys, "T_states": T_states, "v_states": v_states, "rows": rows}
         super().__init__(gtsam.noiseModel.Unit.Create(len(rows)), variables, error, made_of)
+
+
+@kernel
+def steps_kernel(T: Array, v: Array, T_now: Array, v_now: Array) -> Array:
+    """(12 m,) steps from states (m, 4, 4), (m, 6) to where they are now, poses on the right."""
+    steps = np.empty((len(T), 12))
+    for k in range(len(T)):
+        steps[k, :6] = log_kernel(relative_kernel(T[k], T_now[k]))
+        steps[k, 6:] = v_now[k] - v[k]
+    return steps.ravel()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.kernels.se3 import Array
+from factors.linear_states import steps_kernel
 from factors.stereo import StereoCamera
 from factors.structureless.bracketing_states import BracketingStates
 from factors.structureless.bridge import Bridge
@@ -82,7 +83,7 @@ class LandmarkWindow:
         at = self._linearized
         if at is None:
             return self.fit(T_states, v_states)
-        moved = StatesBetween.moved_by(at.T_states, at.v_states, T_states, v_states)
+        moved = steps_kernel(at.T_states, at.v_states, T_states, v_states)
         coordinates = at.fit.coordinates + at.system.landmark_steps(moved)
         T = self.between.poses(T_states, v_states, count)
         return at.fit._replace(T=T, coordinates=coordinates)
@@ -123,7 +124,7 @@ class LandmarkWindow:
     def states_between(self, T_states: Array, v_states: Array) -> StatesBetween:
         """Return states at the measurements' times; those of the graph may have moved since."""
         at = self._linearized or self.linearized(T_states, v_states)
-        moved = StatesBetween.moved_by(at.T_states, at.v_states, T_states, v_states)
+        moved = steps_kernel(at.T_states, at.v_states, T_states, v_states)
         qc_root = np.zeros(6) if self.qc_root is None else self.qc_root
         states = self.between.t, T_states, v_states
         return StatesBetween.given(at.system, at.bridges, moved, self.t, qc_root, *states)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.kernels.se3 import Array
-from factors.lie import se3_inverse, se3_log
 from factors.structureless.bridge import Bridge
 from factors.structureless.joint_system import JointSystem
 from factors.structureless.row_kernels import state_rows_kernel, states_between_kernel
@@ -37,12 +36,6 @@ class StatesBetween:
     _system: JointSystem
     _mean: Array
     _qc_root: Array
-
-    @staticmethod
-    def moved_by(T: Array, v: Array, T_now: Array, v_now: Array) -> Array:
-        """(12 m,) step from states to where they are now, poses on the right."""
-        step = se3_log(se3_inverse(T) @ T_now)
-        return np.hstack([step, v_now - v]).ravel()
 
     @staticmethod
     def given(
