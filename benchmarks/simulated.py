@@ -1,7 +1,7 @@
 """Accuracy and speed on simulated recordings, several seeds of each kind.
 
-python -m benchmarks.simulated [--cases NAME ...] [--seeds N] [--jobs N] [--scheduler ADDRESS]
-    [--duration SECONDS] [--output DIR] [--against SUMMARY]
+python -m benchmarks.simulated [--cases NAME ...] [--seeds N] [--first-seed N] [--jobs N]
+    [--scheduler ADDRESS] [--duration SECONDS] [--output DIR] [--against SUMMARY]
 """
 
 from __future__ import annotations
@@ -89,6 +89,7 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="some of the suite")
     parser.add_argument("--seeds", type=int, default=3, help="runs of each case")
+    parser.add_argument("--first-seed", type=int, default=0, help="the others follow it")
     parser.add_argument("--duration", type=float, help="seconds, for shorter recordings")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes at once")
     parser.add_argument("--scheduler", help="address of a Dask scheduler, to run there")
@@ -103,6 +104,8 @@ def chosen(suite: Sequence[Case], options: argparse.Namespace) -> list[Case]:
     """Return the cases that the options name, or all, as long as they say."""
     if options.seeds < 1 or options.jobs < 1:
         raise InputError("--seeds and --jobs: give 1 or more")
+    if options.first_seed < 0:
+        raise InputError("--first-seed: give 0 or more")
     known = {case.name: case for case in suite}
     unknown = [name for name in options.cases or () if name not in known]
     if unknown:
@@ -125,7 +128,8 @@ def main(
     if options.output is not None:
         make_folder(options.output)
     workers = options.jobs, options.scheduler
-    results = run_suite(cases, range(options.seeds), configuration, workers, console)
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    results = run_suite(cases, seeds, configuration, workers, console)
     tables = [summary_table(results)]
     if options.against:
         tables.append(comparison_table(results, earlier))

@@ -99,6 +99,8 @@ def test_unreachable_clusters_and_unknown_cases_are_named(tmp_path: Path) -> Non
         run("--duration", 0)
     with pytest.raises(InputError, match="--seeds and --jobs"):
         run("--seeds", 0)
+    with pytest.raises(InputError, match="--first-seed"):
+        run("--first-seed", -1)
     (tmp_path / "summary.json").write_text("[]")
     with pytest.raises(InputError, match="is no summary"):
         run("--against", tmp_path / "summary.json")
