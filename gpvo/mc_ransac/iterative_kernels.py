@@ -38,9 +38,11 @@ def fit_kernel(
     velocity, normal = velocity.copy(), np.zeros((6, 6))
     for _ in range(iterations):
         normal, right = normal_equations(points, dt, later, velocity, information, camera)
-        step = _solve(normal, right)
-        velocity -= step
-        if not np.abs(step).max() >= tolerance:
+        step, largest = _solve(normal, right), 0.0
+        for k in range(6):
+            velocity[k] -= step[k]
+            largest = max(largest, abs(step[k]))
+        if not largest >= tolerance:
             break
     return velocity, normal
 

@@ -20,6 +20,7 @@ from gpvo.tracking.klt.patch_checks import Image, check_kernel, limits_of
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 StereoPoints = tuple[Points, Points]
+Point = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Marks = NDArray[np.uint8]
 
@@ -81,22 +82,22 @@ def _follow_kernel(
     marks: Marks,
 ) -> None:
     """Refine the left and right points (N, 2), and mark (N,) those that are found."""
-    closed = _around_quad(quad, coarser, side, before, left, right, limits[0])
-    check_kernel(images, left, right, stereo_limits, closed)
+    passed = _around_quad(quad, coarser, side, before, left, right, limits[0])
+    check_kernel(images, left, right, stereo_limits, passed)
     ends, alike = left.copy(), np.full(len(left), -1.0)
-    match_anchors_kernel(*anchors, quad[0][0][1], side, ends, alike, closed)
-    near = closed & (alike >= limits[1])
-    for k in np.flatnonzero(near):
-        way = ends[k] - left[k]
-        near[k] = np.sqrt(way[0] * way[0] + way[1] * way[1]) < limits[2]
-        right[k] += way
-        left[k] = ends[k]
-    check_kernel(images, left, right, stereo_limits, near)
+    match_anchors_kernel(*anchors, quad[0][0][1], side, ends, alike, passed)
     for i in range(len(left)):
-        if near[i]:
+        if passed[i] and alike[i] < limits[1]:
+            marks[i], passed[i] = CHANGED, False
+        elif passed[i]:
+            passed[i] = _distance(ends[i], left[i]) < limits[2]
+            for k in range(2):
+                right[i, k] += ends[i, k] - left[i, k]
+                left[i, k] = ends[i, k]
+    check_kernel(images, left, right, stereo_limits, passed)
+    for i in range(len(left)):
+        if passed[i]:
             marks[i] = KNOWN
-        elif closed[i] and alike[i] < limits[1]:
-            marks[i] = CHANGED
 
 
 @njit(cache=True, nogil=True)
@@ -110,17 +111,32 @@ def _around_quad(
     tolerance: float,
 ) -> Mask:
     """Match points (N, 2) around the quad; return which end near their start."""
-    found = np.zeros((4, len(left)), np.bool_)
-    shift = left - right
+    found, shift = np.zeros((4, len(left)), np.bool_), np.empty_like(left)
+    for i in range(len(left)):
+        _subtract(left[i], right[i], shift[i])
     match_levels(quad[0], coarser, side, before[0], left, found[0])
-    right[:] = left - shift
+    for i in range(len(left)):
+        _subtract(left[i], shift[i], right[i])
+        _subtract(before[1][i], before[0][i], shift[i])
     match_levels(quad[1], FINE, side, left, right, found[1])
-    back = right.copy()
+    back, end = right.copy(), np.empty_like(right)
     match_levels(quad[2], coarser, side, right, back, found[2])
-    end = back + (before[0] - before[1])
+    for i in range(len(left)):
+        _subtract(back[i], shift[i], end[i])
     match_levels(quad[3], FINE, side, back, end, found[3])
-    closed = found[0] & found[1] & found[2] & found[3]
-    for i in np.flatnonzero(closed):
-        way = end[i] - before[0][i]
-        closed[i] = np.sqrt(way[0] * way[0] + way[1] * way[1]) < tolerance
-    return closed
+    for i in range(len(left)):
+        found[0, i] &= found[1, i] & found[2, i] & found[3, i]
+        found[0, i] &= _distance(end[i], before[0][i]) < tolerance
+    return found[0]
+
+
+@njit(cache=True, nogil=True)
+def _subtract(a: Point, b: Point, difference: Point) -> None:
+    """Set the difference of two points (2,)."""
+    difference[0], difference[1] = a[0] - b[0], a[1] - b[1]
+
+
+@njit(cache=True, nogil=True)
+def _distance(a: Point, b: Point) -> float:
+    """Compute the distance of two points (2,)."""
+    return np.hypot(a[0] - b[0], a[1] - b[1])

@@ -107,11 +107,14 @@ def match_levels(
 ) -> None:
     """Refine the ends (N, 2) of points (N, 2), from at most `coarser` levels above the image on."""
     for level in range(min(coarser, len(pairs) - 1), -1, -1):
-        scale = np.float32(0.5**level)
-        ends *= scale
-        source, target = pairs[level]
-        _match_level(source, target, side, points * scale, ends, found)
-        ends /= scale
+        scale, scaled = np.float32(0.5**level), np.empty_like(points)
+        for i in range(len(points)):
+            for k in range(2):
+                scaled[i, k], ends[i, k] = points[i, k] * scale, ends[i, k] * scale
+        _match_level(*pairs[level], side, scaled, ends, found)
+        for i in range(len(points)):
+            for k in range(2):
+                ends[i, k] /= scale
 
 
 @njit(cache=True, nogil=True)
