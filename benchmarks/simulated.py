@@ -104,8 +104,6 @@ def chosen(suite: Sequence[Case], options: argparse.Namespace) -> list[Case]:
     """Return the cases that the options name, or all, as long as they say."""
     if options.seeds < 1 or options.jobs < 1:
         raise InputError("--seeds and --jobs: give 1 or more")
-    if options.first_seed < 0:
-        raise InputError("--first-seed: give 0 or more")
     known = {case.name: case for case in suite}
     unknown = [name for name in options.cases or () if name not in known]
     if unknown:
@@ -122,6 +120,8 @@ def main(
     """Parse the options, run the suite, print and write the results."""
     options, console = arguments().parse_args(arguments_given), console or Console()
     cases = chosen(all_cases() if suite is None else suite, options)
+    if options.first_seed < 0:
+        raise InputError("--first-seed: give 0 or more")
     simulations = {case.name: case.config.model_dump(mode="json") for case in cases}
     earlier = read_summary(options.against, simulations) if options.against else []
     configuration = configuration_of(options)

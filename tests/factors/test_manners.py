@@ -110,6 +110,7 @@ def test_kernels_free_what_they_allocate(name: str) -> None:
     values = good_values()
     FACTORS[name]().linearize(values)
     _nrt_python.memsys_enable_stats()
+    gc.collect()
     before = rtsys.get_allocation_stats()
     for _ in range(3):
         FACTORS[name]().linearize(values)
