@@ -8,7 +8,7 @@ from gpvo.live.session import raw
 from gpvo.live.sources import RecordingPlayer
 from gpvo.simulation import SimulationConfig, simulate
 
-SIMULATED = SimulationConfig(duration=0.4, resolution=(120, 90), focal_length=80.0, noise_rate=2.0)
+SIMULATED = SimulationConfig(duration=1.0, resolution=(120, 90), focal_length=80.0, noise_rate=2.0)
 
 
 def warm_up(configuration: Configuration) -> None:

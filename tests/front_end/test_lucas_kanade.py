@@ -99,4 +99,6 @@ def test_nothing_is_found_without_texture_across_an_edge_or_outside() -> None:
 def test_levels_are_larger_than_a_patch(shape: tuple[int, int]) -> None:
     image = np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
     levels, _ = cv2.buildOpticalFlowPyramid(image, (31, 31), 3, withDerivatives=False)
-    assert len(Pyramid.of_image(image, 31, 3).levels) == levels + 1
+    pyramid = Pyramid.of_image(image, 31, 3)
+    assert pyramid.coarsest == levels and len(pyramid.levels) == 4
+    assert all(level is pyramid.levels[levels] for level in pyramid.levels[levels:])

@@ -45,7 +45,8 @@ def follow(
     left, right = ahead[0].copy(), ahead[1].copy()
     marks = np.full(len(left), LOST, np.uint8)
     images = frame.left_image.image, frame.right_image.image
-    given = _quad(previous, frame), config.pyramid_levels, images, previous.left_image.patch_size
+    coarsest = frame.left_image.coarsest, min(FINE, frame.left_image.coarsest)
+    given = _quad(previous, frame), coarsest, images, previous.left_image.patch_size
     limits = config.closure_tolerance, config.anchor_correlation, config.anchor_tolerance
     place = places(previous.anchors)
 
@@ -70,7 +71,7 @@ def _quad(previous: Frame, frame: Frame) -> tuple[Pairs, Pairs, Pairs, Pairs]:
 @njit(cache=True, nogil=True)
 def _follow_kernel(
     quad: tuple[Pairs, Pairs, Pairs, Pairs],
-    coarser: int,
+    coarsest: tuple[int, int],
     images: tuple[Image, Image],
     side: int,
     limits: tuple[float, float, float],
@@ -82,7 +83,7 @@ def _follow_kernel(
     marks: Marks,
 ) -> None:
     """Refine the left and right points (N, 2), and mark (N,) those that are found."""
-    passed = _around_quad(quad, coarser, side, before, left, right, limits[0])
+    passed = _around_quad(quad, coarsest, side, before, left, right, limits[0])
     check_kernel(images, left, right, stereo_limits, passed)
     ends, alike = left.copy(), np.full(len(left), -1.0)
     match_anchors_kernel(*anchors, quad[0][0][1], side, ends, alike, passed)
@@ -103,27 +104,30 @@ def _follow_kernel(
 @njit(cache=True, nogil=True)
 def _around_quad(
     quad: tuple[Pairs, Pairs, Pairs, Pairs],
-    coarser: int,
+    coarsest: tuple[int, int],
     side: int,
     before: StereoPoints,
     left: Points,
     right: Points,
     tolerance: float,
 ) -> Mask:
-    """Match points (N, 2) around the quad; return which end near their start."""
+    """Match points (N, 2) around the quad; return which end near their start.
+
+    `coarsest` are the levels to begin with between frames, and between left and right.
+    """
     found, shift = np.zeros((4, len(left)), np.bool_), np.empty_like(left)
     for i in range(len(left)):
         _subtract(left[i], right[i], shift[i])
-    match_levels(quad[0], coarser, side, before[0], left, found[0])
+    match_levels(quad[0], coarsest[0], side, before[0], left, found[0])
     for i in range(len(left)):
         _subtract(left[i], shift[i], right[i])
         _subtract(before[1][i], before[0][i], shift[i])
-    match_levels(quad[1], FINE, side, left, right, found[1])
+    match_levels(quad[1], coarsest[1], side, left, right, found[1])
     back, end = right.copy(), np.empty_like(right)
-    match_levels(quad[2], coarser, side, right, back, found[2])
+    match_levels(quad[2], coarsest[0], side, right, back, found[2])
     for i in range(len(left)):
         _subtract(back[i], shift[i], end[i])
-    match_levels(quad[3], FINE, side, back, end, found[3])
+    match_levels(quad[3], coarsest[1], side, back, end, found[3])
     for i in range(len(left)):
         found[0, i] &= found[1, i] & found[2, i] & found[3, i]
         found[0, i] &= _distance(end[i], before[0][i]) < tolerance

@@ -54,13 +54,18 @@ class Pyramid:
         (height, width) uint8.
     levels
         float32 images with a border, which mirrors the image, so that patches may reach beyond it.
+        The coarsest one is repeated where the image is too small for all of them: kernels would be
+        compiled again for each number of levels.
     patch_size
         Side of the patches, pixels.
+    coarsest
+        Index of the coarsest level.
     """
 
     image: Image
     levels: list[Level]
     patch_size: int
+    coarsest: int
 
     @staticmethod
     def of_image(image: Image, patch_size: int, coarser: int) -> Pyramid:
@@ -69,7 +74,9 @@ class Pyramid:
         while len(levels) <= coarser and min(smaller.shape) > 2 * patch_size:
             smaller = cv2.pyrDown(smaller)
             levels.append(_bordered(smaller, patch_size))
-        return Pyramid(image, levels, patch_size)
+        coarsest = len(levels) - 1
+        levels += [levels[-1]] * (coarser - coarsest)
+        return Pyramid(image, levels, patch_size, coarsest)
 
 
 def _bordered(image: Image, patch_size: int) -> Level:
@@ -87,10 +94,10 @@ def match_patches(
     directions, and its match is not beyond the image.
     """
     ends, found = guess.astype(np.float32), np.zeros(len(points), np.bool_)
-    pairs = pairs_of_levels(source, target)
+    pairs, coarsest = pairs_of_levels(source, target), min(coarser, source.coarsest)
 
     def match(part: slice) -> None:
-        match_levels(pairs, coarser, source.patch_size, points[part], ends[part], found[part])
+        match_levels(pairs, coarsest, source.patch_size, points[part], ends[part], found[part])
 
     in_halves(match, len(points))
     return ends, found
@@ -103,10 +110,10 @@ def pairs_of_levels(source: Pyramid, target: Pyramid) -> Pairs:
 
 @njit(cache=True, nogil=True)
 def match_levels(
-    pairs: Pairs, coarser: int, side: int, points: Points, ends: Points, found: Mask
+    pairs: Pairs, coarsest: int, side: int, points: Points, ends: Points, found: Mask
 ) -> None:
-    """Refine the ends (N, 2) of points (N, 2), from at most `coarser` levels above the image on."""
-    for level in range(min(coarser, len(pairs) - 1), -1, -1):
+    """Refine the ends (N, 2) of points (N, 2), from the coarsest of the levels to use on."""
+    for level in range(coarsest, -1, -1):
         scale, scaled = np.float32(0.5**level), np.empty_like(points)
         for i in range(len(points)):
             for k in range(2):
