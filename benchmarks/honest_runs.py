@@ -1,6 +1,6 @@
 """Is the odometry as good as it says? NEES of whole runs, from events to the trajectory.
 
-python -m benchmarks.honest_runs [--motions NAME ...] [--seeds N] [--first SEED]
+python -m benchmarks.honest_runs [--motions NAME ...] [--seeds N] [--first-seed N]
     [--duration SECONDS] [--jobs N] [--output FILE.json]
 """
 
@@ -129,7 +129,7 @@ def arguments() -> argparse.ArgumentParser:
         "--motions", nargs="+", choices=MOTIONS, default=list(MOTIONS), metavar="NAME"
     )
     parser.add_argument("--seeds", type=int, default=50, help="runs of each motion")
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--first-seed", type=int, default=0, help="the others follow it")
     parser.add_argument("--duration", type=float, default=2.0, help="seconds of each run")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes at once")
     parser.add_argument("--output", type=Path, help="file for all runs, .json")
@@ -141,7 +141,7 @@ def main(
 ) -> list[HonestRun]:
     """Parse the options, run, print and write the results."""
     options, console = arguments().parse_args(arguments_given), console or Console()
-    seeds = range(options.first, options.first + options.seeds)
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
     tasks = [
         (motion, seed, options.duration, Configuration())
         for motion in options.motions

@@ -94,9 +94,7 @@ def best_sample_velocity(
     Sampling stops once a sample without outliers was drawn with the given confidence. At confidence
     1 all samples are tried. `camera` is (fx, fy, cx, cy, baseline).
     """
-    # Each quantity is contiguous, so that a block of segments fills vector registers.
-    columns = np.empty((8, len(points)))
-    columns[:3], columns[3:6], columns[6], columns[7] = points.T, later.T, dt, tolerance**2
+    columns = _columns(points, dt, later, tolerance)
     best_velocity, most = np.zeros(6), 0
     needed = len(samples)
     for trial in range(len(samples)):
@@ -110,6 +108,17 @@ def best_sample_velocity(
             best_velocity, most = velocity, count
             needed = _samples_needed(most / len(points), samples.shape[1], confidence)
     return best_velocity
+
+
+@njit(cache=True, nogil=True)
+def _columns(points: Array, dt: Array, later: Array, tolerance: Array) -> Array:
+    """Return points, later measurements, dt and squared tolerance, (8, N).
+
+    Each quantity is contiguous, so that a block of segments fills vector registers.
+    """
+    columns = np.empty((8, len(points)))
+    columns[:3], columns[3:6], columns[6], columns[7] = points.T, later.T, dt, tolerance**2
+    return columns
 
 
 @njit(cache=True, nogil=True)
@@ -251,14 +260,11 @@ def explained_kernel(
     points: Array, dt: Array, later: Array, tolerance: Array, camera: Array, velocity: Array
 ) -> NDArray[np.bool_]:
     """Tell which segments (N,) a velocity explains within their tolerances (N,), pixels."""
+    columns = _columns(points, dt, later, tolerance)
     explained = np.empty(len(points), np.bool_)
     for i in range(len(points)):
-        x, y, z = move(points[i, 0], points[i, 1], points[i, 2], dt[i], velocity)
-        u = camera[0] * x / z + camera[2] - later[i, 0]
-        v = camera[1] * y / z + camera[3] - later[i, 1]
-        disparity = camera[0] * camera[4] / z - later[i, 2]
-        near = u * u + v * v + disparity * disparity <= tolerance[i] ** 2
-        explained[i] = near and z > 0
+        moved = move(points[i, 0], points[i, 1], points[i, 2], dt[i], velocity)
+        explained[i] = _is_inlier(moved, columns, i, camera) > 0
     return explained
 
 

@@ -72,24 +72,23 @@ def covariance_kernel(
 
         (J^T W J)^-1 (J^T W (R + B R B^T) W J) (J^T W J)^-1
     """
-    middle, normal = np.zeros((6, 6)), np.zeros((6, 6))
+    spread, normal = np.zeros((6, 6)), np.zeros((6, 6))
     by_twist, root = np.zeros((3, 6)), information.copy()
     factorize_kernel(root)
     for n in range(len(points)):
         x, y, z = move(points[n, 0], points[n, 1], points[n, 2], dt[n], velocity)
         by_velocity = _by_velocity(by_twist, x, y, z, dt[n], velocity, camera)
         weighted = product_kernel(information, by_velocity)
-        by_earlier = _by_earlier(points[n], x, y, z, dt[n], velocity, camera)
         # W = L L^T, so that B R B^T = (L^-1 B^T)^T (L^-1 B^T).
-        spread = by_earlier.T.copy()
-        solve_lower_kernel(root, spread)
-        noise = product_kernel(spread.T.copy(), spread)
-        middle += product_kernel(by_velocity.T.copy(), weighted)
-        middle += product_kernel(weighted.T.copy(), product_kernel(noise, weighted))
+        earlier = _by_earlier(points[n], x, y, z, dt[n], velocity, camera).T.copy()
+        solve_lower_kernel(root, earlier)
+        noise = product_kernel(earlier, weighted)
+        spread += product_kernel(noise.T.copy(), noise)
         normal += product_kernel(by_velocity.T.copy(), weighted)
     half, covariance = np.empty((6, 6)), np.empty((6, 6))
+    spread += normal
     for j in range(6):
-        half[j] = _solve(normal, middle[:, j])
+        half[j] = _solve(normal, spread[:, j])
     for j in range(6):
         covariance[j] = _solve(normal, half[:, j])
     return covariance

@@ -67,10 +67,8 @@ class Tracklets:
         newest, known, index = self._cluster_count - 1, self._measurements, self._long_enough()
         oldest = min([*self._shown][-(span + 1) :], default=newest)
         index = index[known.frame[index] >= oldest]
-        earlier, later = (
-            index[_run_starts(known.landmark[index])],
-            index[known.frame[index] == newest],
-        )
+        later = index[known.frame[index] == newest]
+        earlier = index[_run_starts(known.landmark[index])]
         earlier = earlier[np.searchsorted(known.landmark[earlier], known.landmark[later])]
         moving = known.t[later] > known.t[earlier]
         return known[earlier[moving]], known[later[moving]]

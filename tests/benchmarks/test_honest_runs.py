@@ -17,7 +17,7 @@ from gpvo.simulation.motion import Motion
 
 def test_a_run_leaves_its_numbers(tmp_path: Path) -> None:
     text, output = StringIO(), tmp_path / "runs.json"
-    options = ["--motions", "fast", "--seeds", "1", "--first", "3", "--duration", "0.3"]
+    options = ["--motions", "fast", "--seeds", "1", "--first-seed", "3", "--duration", "0.3"]
     (found,) = main([*options, "--jobs", "1", "--output", str(output)], Console(file=text))
     assert (found.motion, found.seed, found.failure) == ("fast", 3, "")
     numbers = np.array([found.pose, found.velocity])

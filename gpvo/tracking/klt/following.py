@@ -36,11 +36,11 @@ def follow(
     """Match the landmarks of the previous frame with a frame, from where they may be now (N, 2).
 
     In time patches are searched from the coarsest level on, there and back: what is ambiguous among
-    noise then does not come back. A landmark that the quad leads back is matched with
-    its anchor under its warp (2, 2), so that errors of the matches do not add up; that match takes
-    the place of the one with the previous frame, unless the landmark looks unlike its anchor. It is
-    lost if the two are far apart. The disparity stays: it hardly differs a fraction of a pixel
-    beside. Returns the left and right points (N, 2) and marks (N,).
+    noise then does not come back. A landmark that the quad leads back is matched with its anchor
+    under its warp (2, 2), so that errors of the matches do not add up; that match takes the place
+    of the one with the previous frame, unless the landmark looks unlike its anchor. It is lost if
+    the two are far apart. The disparity stays: it hardly differs a fraction of a pixel beside.
+    Returns the left and right points (N, 2) and marks (N,).
     """
     left, right = ahead[0].copy(), ahead[1].copy()
     marks = np.full(len(left), LOST, np.uint8)
