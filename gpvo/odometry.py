@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from itertools import takewhile
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -22,12 +20,10 @@ from gpvo.lost_stage import lost_stage
 from gpvo.observer import Observer, Step, no_observer
 from gpvo.process_setting import quick_switches
 from gpvo.recordings import Recording, StereoEvents, StereoRig
-from gpvo.second_thread import SecondThread
+from gpvo.second_thread import SecondThread, prefetched
 from gpvo.tracking import Tracker
 from gpvo.trajectory import MotionEstimate, Trajectory
 from gpvo.verdict import Verdict, verdict
-
-T = TypeVar("T")
 
 
 class Odometry:
@@ -106,7 +102,18 @@ class Odometry:
         """
         self._watch.see_events(batch)
         yield from self._reports(self._front_end.clustering.add(batch))
+        yield from self.estimated()
+
+    def estimated(self) -> Iterator[ClusterReport]:
+        """Report the clusters that were estimated and not reported yet, without waiting."""
         yield from self._estimates.done()
+
+    def may_complete(self, stop: float, waiting: int) -> bool:
+        """Whether a batch until `stop`, with at most so many events of a camera, may end a cluster.
+
+        Others may wait for the next one: each batch costs time.
+        """
+        return self._front_end.clustering.may_complete(stop, waiting)
 
     def end(self) -> Iterator[ClusterReport]:
         """Estimate the motion during what is left after the last batch."""
@@ -123,10 +130,10 @@ class Odometry:
             for cluster in self._staged("events and clustering", clusters):
                 tracked = self._front_end.process(cluster)
                 report = ClusterReport.of(cluster, tracked)
-                self._watch.see_cluster(cluster, report)
                 yield from self._estimates.wait()
                 self._front_end.tell_pose(self._latest)
                 self._estimates.start(self._estimate, cluster, tracked, report)
+                self._watch.see_cluster(cluster, report)
 
     def _ended(self) -> Iterator[ClusterReport]:
         yield from self._estimates.wait()
@@ -142,12 +149,15 @@ class Odometry:
     def _estimate(
         self, cluster: StereoCluster, tracked: TrackedCluster, report: ClusterReport
     ) -> ClusterReport:
+        """Estimate the motion during a cluster; what can be done after that is."""
         # With several threads of BLAS results would differ in their last bits.
         with self._stage("estimation"), one_blas_thread():
             self._measurements.add(cluster.stop, tracked.measurements, tracked.velocity_estimate)
             self._latest = self.estimator.latest()
         self.reports.append(report)
         self._observer(Step(cluster, tracked, report, self.estimator))
+        with self._stage("estimation"):
+            self._measurements.prepare()
         return report
 
     def _why_lost(self) -> str:
@@ -176,9 +186,14 @@ class Odometry:
         noise = getattr(self.estimator, "noise", self._front_end.noise)
         return tuple(noise.measurement_information)
 
-    def limit_features(self, share: float) -> None:
-        """Track a share of the configured features, from 0 to 1, as long as time is short."""
-        self._front_end.limit_features(share)
+    def relieve(self, features: float, cluster_length: float) -> None:
+        """Do less while time is short.
+
+        Track a share of the configured features, from 0 to 1, in clusters of so many times the
+        usual length.
+        """
+        self._front_end.limit_features(features)
+        self._front_end.clustering.stretch(cluster_length)
 
     def trajectory(self, start_ns: int = 0) -> Trajectory | None:
         """The trajectory so far; None before the first measurement."""
@@ -192,12 +207,3 @@ class Odometry:
             if cluster is None:
                 return
             yield cluster
-
-
-def prefetched(items: Iterator[T], ahead: int = 3) -> Iterator[T]:
-    """The same items, made in a thread of its own up to some ahead of the one that is in use."""
-    with ThreadPoolExecutor(1) as thread:
-        coming = deque(thread.submit(next, items, None) for _ in range(ahead))
-        while (item := coming.popleft().result()) is not None:
-            coming.append(thread.submit(next, items, None))
-            yield item

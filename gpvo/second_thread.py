@@ -1,8 +1,9 @@
-"""One call at a time in a second thread, while the caller goes on."""
+"""Work in a second thread, while the caller goes on."""
 
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, Generic, TypeVar
@@ -69,6 +70,15 @@ def in_halves(work: Callable[[slice], object], count: int) -> None:
         return
     half = count // 2
     both(lambda: work(slice(half)), lambda: work(slice(half, None)))
+
+
+def prefetched(items: Iterator[T], ahead: int = 3) -> Iterator[T]:
+    """The same items, made in a thread of its own up to some ahead of the one that is in use."""
+    with ThreadPoolExecutor(1) as thread:
+        coming = deque(thread.submit(next, items, None) for _ in range(ahead))
+        while (item := coming.popleft().result()) is not None:
+            coming.append(thread.submit(next, items, None))
+            yield item
 
 
 def _renew() -> None:

@@ -20,7 +20,8 @@ from gpvo.trajectory.trajectory import Trajectory
 class Estimator(Protocol):
     """Turns inlier measurements into states of a continuous trajectory.
 
-    What it had to leave out or rebuild is listed in `diagnostics`.
+    What it had to leave out or rebuild is listed in `diagnostics`. A method `prepare`, if it has
+    one, is called after each update's results are out: it does what the next one needs of them.
     """
 
     diagnostics: list[Diagnostic]

@@ -29,6 +29,12 @@ class GatheredMeasurements:
         if stop - self._updated >= self._interval:
             self.flush()
 
+    def prepare(self) -> None:
+        """Let the estimator do what its next update needs, if it can before that."""
+        prepare = getattr(self._estimator, "prepare", None)
+        if prepare is not None:
+            prepare()
+
     def flush(self) -> None:
         """Update the estimator with what waits."""
         if self._waiting:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import V, X
@@ -48,6 +50,19 @@ SOLVED_AGAIN = "indeterminate: the window was solved again"
 GUESSED_STEPS = 4
 """More Gauss-Newton steps of an update where some of the motion is guessed, and may be far off."""
 LEFT_OUT = "indeterminate: all measurements in the window were left out"
+
+
+@dataclass(frozen=True, eq=False)
+class Leaving:
+    """States that the next update marginalises: `count` key states, those before a time, seconds.
+
+    With the states between, and their covariance knots.
+    """
+
+    before: float
+    count: int
+    states: States
+    knots: CovarianceKnots
 
 
 class FixedLagSmoother:
@@ -99,6 +114,7 @@ class FixedLagSmoother:
         self._between: StatesBetween | None = None
         self._solved = 0
         self._leave_before, self._leaving, self._old = -np.inf, 0, States()
+        self._next: Leaving | None = None
         self._smoother = KeyStateSmoother()
 
     def update(
@@ -121,11 +137,11 @@ class FixedLagSmoother:
         self.diagnostics += left_out
         update = GraphUpdate()
         with one_blas_thread():
+            self.prepare()
             if self._reckoning.is_over(len(usable)) and not self._own.used:
                 self._begin_again(update, usable, velocity_estimate)
             elif len(self._keys):
                 self._keep_what_leaves()
-                self._learn_noise()
             elif len(usable):
                 self._begin(update, usable.t.min(), velocity_estimate)
             else:
@@ -137,6 +153,16 @@ class FixedLagSmoother:
             self._solve(update, accepted)
             self._reckoning.measured(end_time, self._keys.twist[-1], len(accepted))
             self._keep_place(len(accepted))
+
+    def prepare(self) -> None:
+        """Do now what the next update needs of this one's estimate; else that does it itself.
+
+        The results are the same: an update that was prepared takes less time.
+        """
+        if self._next is None and len(self._keys):
+            with one_blas_thread():
+                self._next = self._what_leaves()
+                self._learn_noise()
 
     def add(
         self, *factors: InnerFactor, t: float | None = None, velocity: int | None = None
@@ -282,7 +308,7 @@ class FixedLagSmoother:
     def _forget_window(self, first: int) -> None:
         """Forget all that is estimated; the next state gets the number `first`."""
         self._knots = WindowKnots(self._config.covariance_interval)
-        self._leave_before, self._leaving = -np.inf, 0
+        self._leave_before, self._leaving, self._next = -np.inf, 0, None
         self._first, self._between, self._solved = first, None, 0
         self._lag, self._landmarks = Lag(self._config), WindowLandmarks(self._build)
         self._smoother = KeyStateSmoother()
@@ -324,14 +350,21 @@ class FixedLagSmoother:
             self._learned.learn_motion(solved, self._covariance(), linearized)
         if self._landmarks.factor is not None:
             self._learned.learn_errors(self._landmarks.factor, self._window)
-        self._build.noise = self._learned.now
+
+    def _what_leaves(self) -> Leaving:
+        """Return the states that the latest cluster made old."""
+        before = min(self._lag.start, self._keys.t[-1])
+        count = self._window.before(before - SAME_TIME)
+        states = self._states_until(count)
+        return Leaving(before, count, states, self._knots_of(states))
 
     def _keep_what_leaves(self) -> None:
-        """Keep the states that the latest cluster made old, and their covariances."""
-        self._leave_before = min(self._lag.start, self._keys.t[-1])
-        self._leaving = self._window.before(self._leave_before - SAME_TIME)
-        self._old = self._states_until(self._leaving)
-        self._knots.extend(self._knots_of(self._old))
+        """Keep the states that leave, and go on with the noise that was learned."""
+        assert self._next is not None
+        leaves, self._next = self._next, None
+        self._leave_before, self._leaving, self._old = leaves.before, leaves.count, leaves.states
+        self._knots.extend(leaves.knots)
+        self._build.noise = self._learned.now
 
     def _extend(
         self,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-
-import numpy as np
+from statistics import median
 
 from gpvo.config import ClusteringConfig
 from gpvo.recordings import StereoRig
@@ -24,29 +23,40 @@ class ClusterLength:
 
     The image motion of the latest features says how long contours take to move by `config.motion`.
     Until it is known, and where it surges, the number of events ends a cluster.
+
+    Attributes
+    ----------
+    times
+        Clusters are so many times longer than usual.
     """
 
     def __init__(self, config: ClusteringConfig, rig: StereoRig) -> None:
         width, height = rig.left.resolution
         self._config, self._pixels = config, width * height
-        self._counts: deque[int] = deque(maxlen=REMEMBERED)
+        self._counts: deque[float] = deque(maxlen=REMEMBERED)
+        self.times = 1.0
 
     def limits(self, image_speed: float | None) -> tuple[float, int]:
         """Return the longest duration, seconds, and the most events of either camera."""
+        duration, events = self._usual(image_speed)
+        return self.times * duration, round(self.times * events)
+
+    def _usual(self, image_speed: float | None) -> tuple[float, float]:
         config = self._config
         if config.max_events is not None:
             return config.window, config.max_events
         if image_speed is None:
-            return config.window, round(FIRST * self._pixels)
-        usual = SURGE * float(np.median(self._counts)) if self._counts else 0.0
+            return config.window, FIRST * self._pixels
+        usual = SURGE * float(median(self._counts)) if self._counts else 0.0
         by_motion = config.motion / max(image_speed, 1e-9)
         duration = min(config.window, max(config.shortest, by_motion))
-        return duration, round(max(usual, LEAST * self._pixels))
+        return duration, max(usual, LEAST * self._pixels)
 
     def add(self, events: int) -> None:
         """Remember the number of events of a cluster, in the camera that had more.
 
         Clusters of a camera at rest do not say what is usual in motion.
         """
-        if events >= LEAST * self._pixels:
-            self._counts.append(events)
+        usual = events / self.times
+        if usual >= LEAST * self._pixels:
+            self._counts.append(usual)

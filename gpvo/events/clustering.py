@@ -146,6 +146,19 @@ class Clustering:
         while (stop := self._next_stop()) <= self._end:
             yield from self._without_flashes(self._take(stop))
 
+    def may_complete(self, stop: float, waiting: int) -> bool:
+        """Whether a batch until `stop`, with at most so many events of a camera, may end a cluster.
+
+        The noise filter has not seen them, so that there may be fewer.
+        """
+        duration, limit = self._length.limits(self._image_speed())
+        most = waiting + max(len(side) for side in self._sides)
+        return stop >= self._start + duration or most >= limit
+
+    def stretch(self, times: float) -> None:
+        """Make clusters so many times longer than usual."""
+        self._length.times = times
+
     def _add(self, batch: StereoEvents) -> None:
         """Add the events of both cameras, at once if they are many: a thread costs time too."""
         left, right = self._sides

@@ -35,6 +35,11 @@ class Latency:
             # The next cluster may end within the same packet.
             self._arrivals.appendleft(arrival)
 
+    @property
+    def newest(self) -> float:
+        """Latency of the newest estimate, seconds; 0 before the first."""
+        return self.seconds[-1] if self.seconds else 0.0
+
     def percentiles(self) -> NDArray[np.float64]:
         """Return the median, 95 % and 99 %, seconds; NaN without clusters."""
         if not self.seconds:

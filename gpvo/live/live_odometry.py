@@ -73,13 +73,13 @@ class LiveOdometry:
         if not np.isfinite(right_offset):
             raise InputError(f"right_offset: {right_offset} must be a number of seconds")
         self.right_offset = right_offset
-        self._pairing = StereoPairing(rig, patience, right_offset)
         self._latest: MotionEstimate | None = None
         self._lock = Lock()
         self._closed = False
         self._observers = [self._keep, observer]
         self.odometry = Odometry(rig, configuration, stage, observer=self._observe)
         self.reports = self.odometry.reports
+        self._pairing = StereoPairing(rig, patience, right_offset, self.odometry.may_complete)
 
     @property
     def start_ns(self) -> int | None:
@@ -167,7 +167,7 @@ class LiveOdometry:
             raise ValueError("the live odometry is closed")
 
     def _estimate(self, batch: StereoEvents | None) -> list[ClusterReport]:
-        return [] if batch is None else list(self.odometry.push(batch))
+        return list(self.odometry.estimated() if batch is None else self.odometry.push(batch))
 
     def _observe(self, step: Step) -> None:
         for observer in self._observers:

@@ -1,4 +1,4 @@
-"""Shedding of load when the computer cannot keep up: features first, then events."""
+"""Shedding of load when the computer cannot keep up: features, then clusters, then events."""
 
 from __future__ import annotations
 
@@ -6,32 +6,54 @@ from dataclasses import dataclass
 
 from gpvo.recordings.streams import EventBlock
 
+LATE = 0.07
+"""Latency from which an estimate is late, seconds; fewer features are the only cure."""
 CAUGHT_UP = 0.03
 """Age of what waits at which the computer has caught up, seconds; a cluster makes it older."""
 HURRY = 0.3
-"""Time without having caught up after which something is shed, seconds."""
-AGAIN = 0.15
-"""Time after which more is shed if that does not suffice, seconds."""
-PATIENCE = 0.5
-"""Time after which less is shed if it catches up, seconds."""
+"""Time of being late, or without having caught up, after which something is shed, seconds."""
+OLD = 0.25
+"""Age of what waits from which more is shed sooner, seconds."""
+PATIENCE, MOST_PATIENCE = 1.0, 20.0
+"""Time of keeping up after which less is shed, seconds; each time in vain doubles it."""
+IN_VAIN = 1.0
+"""Time until more is shed again after which it was not in vain, seconds."""
 LONGEST = 0.5
 """Age at which what waits is thrown away, seconds."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """Share of the features that are tracked, and of the events that are used: one of `stride`."""
+    """What is left of the work.
 
-    features: float
-    stride: int
+    Attributes
+    ----------
+    features
+        Share of the features that are tracked.
+    cluster_length
+        Times the usual length of clusters.
+    stride
+        Of so many events one is used.
+    """
+
+    features: float = 1.0
+    cluster_length: float = 1.0
+    stride: int = 1
 
 
-LEVELS = (Level(1.0, 1), Level(0.5, 1), Level(0.25, 1), Level(0.25, 2), Level(0.25, 4))
+LEVELS = (
+    Level(),
+    Level(0.5),
+    Level(0.5, 1.5),
+    Level(0.5, 2.0),
+    Level(0.25, 2.0, 2),
+    Level(0.25, 2.0, 4),
+)
 """What is shed, in this order."""
 
 
 class Load:
-    """How much is shed, by how long events wait until they are taken.
+    """How much is shed, by how long events wait and how late the estimates are.
 
     Attributes
     ----------
@@ -43,8 +65,8 @@ class Load:
 
     def __init__(self) -> None:
         self.thinned = self.discarded = self.worst = 0
-        self._level = 0
-        self._changed = self._caught_up = 0.0
+        self._level, self._patience = 0, PATIENCE
+        self._caught_up = self._in_time = self._changed = self._tried = 0.0
 
     @property
     def level(self) -> Level:
@@ -56,15 +78,22 @@ class Load:
         """Nothing is shed."""
         return self._level == 0
 
-    def update(self, age: float, now: float) -> None:
-        """Take account of the age of what waits longest, seconds, at the time `now`."""
+    def update(self, age: float, latency: float, now: float) -> None:
+        """Take account of the time `now`, seconds.
+
+        `age` is that of what waits longest, `latency` that of the newest estimate.
+        """
         if age < CAUGHT_UP:
             self._caught_up = now
-        is_behind, unchanged = now - self._caught_up > HURRY, now - self._changed
-        if is_behind and unchanged > AGAIN:
-            self._change(1, now)
-        elif not is_behind and unchanged > PATIENCE:
-            self._change(-1, now)
+        if latency < LATE:
+            self._in_time = now
+        is_behind, is_late = now - self._caught_up > HURRY, now - self._in_time > HURRY
+        unchanged = now - self._changed
+        if is_behind or (is_late and self.is_full):
+            if unchanged > (HURRY if age < OLD else HURRY / 2):
+                self._shed_more(now)
+        elif unchanged > self._patience and not self.is_full and not is_late:
+            self._shed_less(now)
 
     def thin(self, block: EventBlock) -> EventBlock:
         """Return the share of a camera's events that is used, and count the others."""
@@ -72,6 +101,12 @@ class Load:
         self.thinned += len(block) - len(thinned)
         return thinned
 
-    def _change(self, step: int, now: float) -> None:
-        self._level = min(max(self._level + step, 0), len(LEVELS) - 1)
-        self._changed, self.worst = now, max(self.worst, self._level)
+    def _shed_more(self, now: float) -> None:
+        in_vain = now - self._tried < IN_VAIN
+        self._patience = min(2 * self._patience, MOST_PATIENCE) if in_vain else PATIENCE
+        self._tried = -IN_VAIN
+        self._level, self._changed = min(self._level + 1, len(LEVELS) - 1), now
+        self.worst = max(self.worst, self._level)
+
+    def _shed_less(self, now: float) -> None:
+        self._level, self._changed, self._tried = self._level - 1, now, now

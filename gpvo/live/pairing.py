@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -42,12 +43,16 @@ class _Side:
         """Corrected stamp of the newest event."""
         return self.newest_ns - self._offset_ns
 
+    def __len__(self) -> int:
+        return sum(map(len, self.waiting))
+
     def add(self, block: EventBlock, begin_ns: int) -> None:
         """Add events; those before `begin_ns` come too late."""
         if len(block) == 0:
             return
         self.newest_ns = int(block.t_ns[-1])
-        block = replace(block, t_ns=block.t_ns - self._offset_ns)
+        if self._offset_ns:
+            block = replace(block, t_ns=block.t_ns - self._offset_ns)
         in_time = _since(block, begin_ns)
         self.late += len(block) - len(in_time)
         if len(in_time):
@@ -70,21 +75,25 @@ class _Side:
             split = int(np.searchsorted(block.t_ns, stop_ns))
             taken.append(block[:split])
             self.waiting[:1] = [block[split:]] if split < len(block) else []
-        return Events.concatenate(
-            Events(part.x, part.y, (part.t_ns - start_ns) / 1e9, part.polarity) for part in taken
-        )
+        block = EventBlock.concatenate(taken or [EventBlock.empty()])
+        return Events(block.x, block.y, (block.t_ns - start_ns) / 1e9, block.polarity)
 
 
 def _since(block: EventBlock, begin_ns: int) -> EventBlock:
+    """Return the events from a stamp on."""
+    if begin_ns <= block.t_ns[0]:
+        return block
     return block[int(np.searchsorted(block.t_ns, begin_ns)) :]
 
 
 class StereoPairing:
     """Batches of two streams; see `LiveOdometry` for the parameters.
 
-    A batch ends with the newest event of the camera that is behind, as more may come at its time.
-    The first one, and that after an end, begins with the first event by the cameras' own clocks,
-    as a recording does; what is corrected to before it is left out.
+    `is_due` is asked, with a batch's stop, seconds, and the number of events of the camera that has
+    more, whether it is wanted now; else its events wait for the next one. A batch ends with the
+    newest event of the camera that is behind, as more may come at its time. The first one, and that
+    after an end, begins with the first event by the cameras' own clocks, as a recording does; what
+    is corrected to before it is left out.
 
     Attributes
     ----------
@@ -92,7 +101,14 @@ class StereoPairing:
         Absolute stamp of t = 0, the first event of either camera; None before.
     """
 
-    def __init__(self, rig: StereoRig, patience: float, right_offset: float = 0.0) -> None:
+    def __init__(
+        self,
+        rig: StereoRig,
+        patience: float,
+        right_offset: float = 0.0,
+        is_due: Callable[[float, int], bool] = lambda stop, waiting: True,
+    ) -> None:
+        self._is_due = is_due
         offset_ns = round(right_offset * 1e9)
         self._cameras = {"left": rig.left, "right": rig.right}
         self._sides = {"left": _Side(), "right": _Side(offset_ns)}
@@ -128,7 +144,8 @@ class StereoPairing:
         }
         for name, side in self._sides.items():
             side.add(blocks[name], self._stop_ns)
-        return self._batch(self._complete_ns())
+        stop_ns = self._complete_ns()
+        return self._batch(stop_ns) if self._wants(stop_ns) else None
 
     def end(self) -> StereoEvents | None:
         """Return all that waits as the last batch; what comes next follows time without data."""
@@ -142,6 +159,12 @@ class StereoPairing:
         # As short after the newest event as a recording that ends with it.
         stop = float(np.nextafter((newest_ns - self.start_ns) / 1e9, np.inf))
         return replace(batch, stop=stop)
+
+    def _wants(self, stop_ns: int) -> bool:
+        """Whether a batch until then is due; the first one begins the stream."""
+        if self._waits or self.start_ns is None:
+            return True
+        return self._is_due((stop_ns - self.start_ns) / 1e9, max(map(len, self._sides.values())))
 
     @property
     def _begin_ns(self) -> int:

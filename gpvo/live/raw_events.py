@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from gpvo.errors import InputError
@@ -42,6 +43,8 @@ def checked_events(events: RawEvents, side: str, camera: Camera, before_ns: int)
         raise InputError(f"{side}: x, y, t, polarity must have one length, not {lengths}")
     if len(x) == 0:
         return EventBlock.empty()
+    if _are_of_a_block(columns) and is_faultless(x, y, t, camera, before_ns // 1000):
+        return EventBlock(x, y, _nanoseconds(t, f"{side} t"), polarity)
     for name, column in zip(("x", "y", "t"), columns, strict=False):
         _check_whole(column, f"{side} {name}")
     for name, column, size in zip("xy", (x, y), camera.resolution, strict=True):
@@ -50,6 +53,39 @@ def checked_events(events: RawEvents, side: str, camera: Camera, before_ns: int)
     _check_order(t_ns, before_ns, f"{side} t")
     is_on = _checked_polarity(polarity, f"{side} polarity")
     return EventBlock(x.astype(np.uint16), y.astype(np.uint16), t_ns, is_on)
+
+
+def is_faultless(
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    t: NDArray[np.int64],
+    camera: Camera,
+    before: int,
+) -> bool:
+    """Whether all events (N,) are on the sensor, and none is earlier than `before` or the last."""
+    return bool(_is_faultless(x, y, t, *camera.resolution, before))
+
+
+@njit(cache=True, nogil=True)
+def _is_faultless(
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    t: NDArray[np.int64],
+    width: int,
+    height: int,
+    before: int,
+) -> bool:
+    for i in range(len(t)):
+        if x[i] >= width or y[i] >= height or t[i] < before:
+            return False
+        before = t[i]
+    return True
+
+
+def _are_of_a_block(columns: list[NDArray[Any]]) -> bool:
+    """Whether arrays (N,) have the types of an `EventBlock`, so that one pass can check them."""
+    kinds = ("u2", "u2", "i8", "?")
+    return all(column.dtype == kind for column, kind in zip(columns, kinds, strict=True))
 
 
 def _check_whole(column: NDArray[Any], name: str) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 
+from gpvo.live.raw_events import is_faultless
 from gpvo.live.sources.packet import Packet
 from gpvo.recordings import Camera, StereoRig
 from gpvo.recordings.checks.clocks import LARGEST_DELAY_NS
@@ -46,16 +48,29 @@ class CameraRepair:
 
     def __call__(self, block: EventBlock, arrival: float) -> tuple[EventBlock, bool]:
         """Return what can be used of a block, and whether its stamps jumped."""
-        block = self._inside(block)
-        if len(block) == 0:
-            return block, False
-        block = self._without_islands(block)
-        jumped = self._follow_jump(int(block.t_ns[0]), arrival)
-        t_ns = block.t_ns + self._shift_ns
-        block = self._in_order(EventBlock(block.x, block.y, t_ns, block.polarity))
+        jumped = False
+        if len(block) and self._is_faultless(block):
+            block = self._shifted(block)
+        elif len(block := self._inside(block)):
+            block = self._without_islands(block)
+            jumped = self._follow_jump(int(block.t_ns[0]), arrival)
+            block = self._in_order(self._shifted(block))
         if len(block):
             self._newest_ns, self._arrival = int(block.t_ns[-1]), arrival
         return block, jumped
+
+    def _is_faultless(self, block: EventBlock) -> bool:
+        """Whether there is nothing to repair, as in almost all blocks: found in one pass."""
+        first_ns, newest_ns = int(block.t_ns[0]), self._newest_ns
+        before_ns = first_ns if newest_ns is None else newest_ns - self._shift_ns
+        if int(block.t_ns[-1]) - before_ns > JUMP_NS:
+            return False
+        return is_faultless(block.x, block.y, block.t_ns, self._camera, before_ns)
+
+    def _shifted(self, block: EventBlock) -> EventBlock:
+        if self._shift_ns == 0:
+            return block
+        return replace(block, t_ns=block.t_ns + self._shift_ns)
 
     def _in_order(self, block: EventBlock) -> EventBlock:
         """Sort a block's events, and leave out those that come too late."""
@@ -163,8 +178,7 @@ class ClockOffset:
             self._watch(self._least["left"] - self._least["right"], packet.arrival)
         if not self._shift_ns:
             return packet.right
-        right = packet.right
-        return EventBlock(right.x, right.y, right.t_ns - self._shift_ns, right.polarity)
+        return replace(packet.right, t_ns=packet.right.t_ns - self._shift_ns)
 
     def begin_again(self) -> None:
         """Forget the delays so far: the clocks jumped."""

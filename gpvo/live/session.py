@@ -156,12 +156,13 @@ class LiveSession:
         """Shed more or less, by how long a packet has waited; False if it was too long."""
         now = time.perf_counter()
         age, was_full = now - packet.arrival, self.load.is_full
-        self.load.update(age, now)
+        self.load.update(age, self.latency.newest, now)
         if was_full and not self.load.is_full:
-            log.warning("the computer cannot keep up: features and events are left out")
+            log.warning("the computer cannot keep up: less is tracked")
         elif self.load.is_full and not was_full:
-            log.warning("keeping up again: nothing is left out")
-        self.live.odometry.limit_features(self.load.level.features)
+            log.warning("keeping up again: all is tracked")
+        level = self.load.level
+        self.live.odometry.relieve(level.features, level.cluster_length)
         return age <= LONGEST
 
     def _received(self, packet: Packet) -> tuple[EventBlock, EventBlock]:

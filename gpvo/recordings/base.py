@@ -50,7 +50,8 @@ class Events(ArrayTable):
     @classmethod
     def concatenate(cls, parts: Iterable[Events]) -> Events:
         """Join consecutive parts of one stream."""
-        return super().concatenate([Events.empty(), *parts])
+        tables = [part for part in parts if len(part)] or [Events.empty()]
+        return tables[0] if len(tables) == 1 else super().concatenate(tables)
 
 
 @dataclass(frozen=True)

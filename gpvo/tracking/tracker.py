@@ -124,7 +124,7 @@ class _ResolutionTracker:
     def limit_features(self, share: float) -> None:
         """Look for a share of the configured features."""
         if isinstance(self._tracker, KltTracker):
-            self._tracker.share = share
+            self._tracker.limit_features(share)
 
     @property
     def report(self) -> TrackingReport:

@@ -55,6 +55,21 @@ def seen_forever(clusters: int, count: int = 12) -> list[Measurements]:
     return parts
 
 
+def test_an_update_that_was_prepared_gives_the_same_and_what_is_known_does_not_change() -> None:
+    plain, prepared = smoother(), smoother()
+    for end_time, part in regular(seen_forever(12)):
+        for one in (plain, prepared):
+            one.update(end_time, part)
+        before = prepared.trajectory()
+        prepared.prepare()
+        found = [each.trajectory() for each in (plain, prepared)]
+        for name in ("t", "T_world_cam", "twist", "knots", "knot_covariance"):
+            arrays = [getattr(each, name) for each in (before, *found)]
+            np.testing.assert_array_equal(arrays[0], arrays[1])
+            np.testing.assert_array_equal(arrays[0], arrays[2])
+        assert plain.noise == prepared.noise
+
+
 def irregular() -> list[Cluster]:
     """Landmarks that stay, gaps, a cluster without length, and measurements that come late."""
     parts = [

@@ -52,3 +52,17 @@ def test_a_number_of_events_that_is_set_is_the_only_one(image_speed: float | Non
     fixed = length((240, 180), max_events=5000, window=0.2)
     fixed.add(10**6)
     assert fixed.limits(image_speed) == (0.2, 5000)
+
+
+@pytest.mark.parametrize("times", [1.5, 2.0])
+def test_clusters_are_longer_while_time_is_short_and_as_usual_after(times: float) -> None:
+    usual, longer = length((240, 180)), length((240, 180))
+    longer.times = times
+    for _ in range(2 * REMEMBERED):
+        usual.add(30_000)
+        longer.add(round(times * 30_000))
+    for speed in (None, 5.0, 50.0):
+        duration, events = usual.limits(speed)
+        assert longer.limits(speed) == (times * duration, round(times * events))
+    longer.times = 1.0
+    assert longer.limits(50.0) == usual.limits(50.0)

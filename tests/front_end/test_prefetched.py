@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gpvo.odometry import prefetched
+from gpvo.second_thread import prefetched
 
 
 @given(st.lists(st.integers()), st.integers(1, 5))

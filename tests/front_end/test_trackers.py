@@ -70,6 +70,18 @@ def track(
     return Observations.concatenate(parts)
 
 
+def test_features_are_given_up_at_once_the_newest_first() -> None:
+    tracking = MultiResolutionTracker(configuration("klt", resolutions=(1,)))
+    before, all_of_it = (tracking.track(cluster("side", frame)) for frame in range(2))
+    most = len(all_of_it) // 2
+    tracking.limit_features(most / 200)
+    after = tracking.track(cluster("side", 2))
+    assert 0.8 * most < len(after) <= most
+    assert set(after.landmark) <= set(all_of_it.landmark[:most]) | set(before.landmark)
+    tracking.limit_features(1.0)
+    assert len(tracking.track(cluster("side", 3))) > most
+
+
 def errors(plane: MovingPlane, seen: Observations) -> tuple[NDArray, NDArray]:
     """Compute distances (N,) from the first sighting's prediction, and disparity errors (N,)."""
     points, disparity = np.empty((len(seen), 3)), np.empty(len(seen))

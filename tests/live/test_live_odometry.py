@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import runpy
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -18,7 +19,7 @@ from gpvo import Configuration, InputError, LiveOdometry, Odometry, Trajectory
 from gpvo.cluster_report import ClusterReport
 from gpvo.live import RawEvents
 from gpvo.observer import Step
-from gpvo.recordings import Events
+from gpvo.recordings import Events, StereoEvents
 from gpvo.recordings.right_offset import ShiftedRecording
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 
@@ -66,6 +67,21 @@ def test_states_are_those_of_the_recording(cuts: list[float], lag: float) -> Non
     assert found is not None and found.start_ns == room().start_ns
     for name in ("t", "T_world_cam", "twist", "knots", "knot_covariance"):
         np.testing.assert_array_equal(getattr(found, name), getattr(trajectory, name))
+
+
+def test_small_pushes_are_gathered_until_a_cluster_may_be_complete(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each batch costs time, however few events are in it."""
+    live, batches, push = LiveOdometry(room().rig, CONFIG), [], Odometry.push
+
+    def counted(odometry: Odometry, batch: StereoEvents) -> Iterator[ClusterReport]:
+        batches.append(batch)
+        return push(odometry, batch)
+
+    monkeypatch.setattr(Odometry, "push", counted)
+    pushed(list(np.arange(0, 0.5, 0.001)), 0.0, live)
+    assert len(live.reports) <= len(batches) < 3 * len(live.reports)
 
 
 def late_room(late: float) -> SimulatedRecording:

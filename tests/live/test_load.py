@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from gpvo.live.load import CAUGHT_UP, HURRY, LEVELS, PATIENCE, Load
+from gpvo.live.load import CAUGHT_UP, HURRY, LATE, LEVELS, MOST_PATIENCE, OLD, PATIENCE, Load
 from gpvo.recordings.streams import EventBlock
 
 
-def after(load: Load, ages: list[float], begin: float, step: float = 0.01) -> list[int]:
+def after(
+    load: Load, ages: list[float], begin: float, step: float = 0.01, latency: float = 0.0
+) -> list[int]:
     """Return the level after each of the ages, `step` seconds apart."""
     levels = []
     for index, age in enumerate(ages):
-        load.update(age, begin + step * index)
+        load.update(age, latency, begin + step * index)
         levels.append(LEVELS.index(load.level))
     return levels
 
@@ -24,9 +26,34 @@ def test_less_and_less_is_used_while_behind_and_all_of_it_in_the_end() -> None:
     assert behind[-1] == len(LEVELS) - 1
     assert np.isin(np.diff(behind), (0, 1)).all()
     assert behind[int(HURRY / 0.01) - 2] == 0
-    caught_up = after(load, [0.0] * 400, 13.0)
+    caught_up = after(load, [0.0] * 800, 13.0)
     assert np.isin(np.diff(caught_up), (0, -1)).all()
     assert load.is_full and caught_up.index(0) > 100 * PATIENCE * (len(LEVELS) - 2)
+
+
+def test_what_waits_long_hurries() -> None:
+    slowly, quickly = (after(Load(), [age] * 100, 10.0) for age in (0.9 * OLD, 1.1 * OLD))
+    assert max(slowly) < max(quickly)
+
+
+def test_late_estimates_cost_features_alone() -> None:
+    load = Load()
+    after(load, [0.0] * 10, 10.0)
+    assert set(after(load, [0.0] * 500, 10.1, latency=2 * LATE)) == {0, 1}
+    assert load.level == LEVELS[1] and LEVELS[1].cluster_length == 1
+
+
+def test_what_is_tried_in_vain_is_tried_half_as_often() -> None:
+    """All features make the estimates late, half of them do not."""
+    load, tried = Load(), []
+    for index in range(6000):
+        was_full, now = load.is_full, 10.0 + 0.01 * index
+        load.update(0.0, 2 * LATE if was_full else 0.0, now)
+        if load.is_full and not was_full:
+            tried.append(now)
+    apart = np.diff(tried)
+    assert len(apart) >= 3 and apart.max() < MOST_PATIENCE + 2 * HURRY
+    assert (apart[1:] > np.minimum(1.5 * apart[:-1], MOST_PATIENCE)).all()
 
 
 def test_the_time_of_a_cluster_alone_sheds_nothing() -> None:
@@ -41,8 +68,14 @@ def test_what_is_shed_is_counted() -> None:
     assert len(load.thin(block)) == 3 and load.thinned == 7
 
 
-def test_features_are_shed_before_events() -> None:
-    features, events = ([getattr(one, name) for one in LEVELS] for name in ("features", "stride"))
-    assert features == sorted(features, reverse=True) and events == sorted(events)
-    first_thinned = next(index for index, stride in enumerate(events) if stride > 1)
-    assert features[first_thinned - 1] == min(features)
+def test_features_then_clusters_then_events_are_shed() -> None:
+    features, lengths, strides = (
+        [getattr(one, name) for one in LEVELS] for name in ("features", "cluster_length", "stride")
+    )
+    assert features == sorted(features, reverse=True)
+    assert lengths == sorted(lengths) and strides == sorted(strides)
+    first_longer, first_thinned = (
+        next(index for index, value in enumerate(values) if value > 1)
+        for values in (lengths, strides)
+    )
+    assert features[first_longer] < 1 and lengths[first_thinned - 1] == max(lengths)

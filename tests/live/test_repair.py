@@ -8,8 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gpvo.live import LiveOdometry
+from gpvo.live.raw_events import is_faultless
 from gpvo.live.repair import Repair
 from gpvo.live.session import Intake, LiveSession, raw
 from gpvo.live.sources import Packet
@@ -35,6 +38,17 @@ def steady(begin_us: int, packets: int = 20, offset_us: int = 0, arrival: float 
 def repaired(packets) -> tuple[Repair, list[tuple[EventBlock, EventBlock, bool]]]:
     repair = Repair(RIG)
     return repair, [repair(packet) for packet in packets]
+
+
+@given(st.lists(st.tuples(st.integers(0, 70), st.integers(0, 50), st.integers(-2, 9)), max_size=6))
+def test_a_block_is_faultless_if_nothing_of_it_is_to_be_repaired(
+    events: list[tuple[int, int, int]],
+) -> None:
+    x, y, steps = np.array(events, np.int64).reshape(-1, 3).T
+    t, (width, height) = np.cumsum(steps), RIG.left.resolution
+    expected = (x < width).all() and (y < height).all() and (steps >= 0).all()
+    pixels = x.astype(np.uint16), y.astype(np.uint16)
+    assert is_faultless(*pixels, t, RIG.left, 0) == expected
 
 
 def test_a_good_stream_is_left_as_it_is(caplog: pytest.LogCaptureFixture) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from gpvo.live.sources.packet import Packet
 from gpvo.recordings import Recording
 from gpvo.recordings.writing.writer import stamped
+from gpvo.second_thread import prefetched
 
 PACKET = 0.005
 """Seconds of events in a packet, like a camera's driver."""
@@ -38,7 +39,7 @@ class RecordingPlayer:
     def packets(self) -> Iterator[Packet]:
         """Yield the events, each packet when its time has come."""
         begin = time.perf_counter() + START_UP
-        for batch in self._recording.event_batches(self._start, self._stop):
+        for batch in prefetched(self._recording.event_batches(self._start, self._stop)):
             edges = np.append(np.arange(batch.start, batch.stop, PACKET), batch.stop)
             for start, stop in pairwise(edges.tolist()):
                 arrival = begin + (stop - self._start) / self._speed

@@ -53,8 +53,6 @@ class KltTracker:
 
     Attributes
     ----------
-    share
-        Share of the configured features that is looked for, from 0 to 1.
     T_start_cam
         (4, 4) pose of the frame that comes next, by the motion so far. Patches are warped by it, if
         the camera (in pixels of this resolution) is known. After a gap it is found anew.
@@ -70,7 +68,7 @@ class KltTracker:
         self._frame_count = 0
         self._landmark_count = 0
         self.report = TrackingReport(0, 0, 0, 0)
-        self.share, self.T_start_cam = 1.0, np.eye(4)
+        self._most, self.T_start_cam = self._config.max_features, np.eye(4)
 
     def track(self, left: Image, right: Image) -> Observations:
         """Follow the known landmarks into a new stereo frame and find new ones there."""
@@ -90,6 +88,12 @@ class KltTracker:
         self._previous, self.T_start_cam = frame, frame.T_start_cam
         self._frame_count += 1
         return self._observations(frame)
+
+    def limit_features(self, share: float) -> None:
+        """Follow a share of the configured features, from 0 to 1: those known longest."""
+        self._most, frame = int(share * self._config.max_features), self._previous
+        if frame is not None and len(frame.landmark) > self._most:
+            self._previous = frame.select(np.arange(len(frame.landmark)) < self._most)
 
     def _observations(self, frame: Frame) -> Observations:
         known, images = self._config.deviations, (frame.left_image, frame.right_image)
@@ -155,7 +159,7 @@ class KltTracker:
     def _with_found_again(self, frame: Frame) -> Frame:
         """Add landmarks that were lost, where the motion brings them back into view."""
         searched = self._lost.in_view(frame, self._config.spacing)
-        if searched is None:
+        if searched is None or self._room(frame) <= 0:
             return frame
         lost, there = searched
         left, alike = self._match_drifted(frame, lost.anchors, there[:, :2].astype(np.float32))
@@ -211,7 +215,7 @@ class KltTracker:
 
     def _room(self, frame: Frame) -> int:
         """Return how many more landmarks a frame may have."""
-        return int(self.share * self._config.max_features) - len(frame.landmark)
+        return self._most - len(frame.landmark)
 
     def _in_stereo(self, left: Points, frame: Frame) -> Frame:
         """Make landmarks of the left features (N, 2) that have a match in the right image."""
