@@ -1,10 +1,15 @@
-"""Simulated recording on disk in MVSEC's layout, for `gpvo run`."""
+"""Simulated recording on disk in MVSEC's layout, and the command in this process."""
 
 from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from run_files import RecordingFiles
 
+from gpvo.commands.cli import main
 from gpvo.simulation import SimulationConfig, simulate
 
 NAME = "simulated_hand_held_2"
@@ -25,3 +30,20 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> RecordingFiles:
         folder / f"{NAME}_gt.hdf5",
         folder / "config.yaml",
     )
+
+
+@pytest.fixture
+def gpvo(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """Return a function that runs the command and returns exit status, stdout and stderr."""
+
+    def call(*arguments: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["gpvo", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        code = ended.value.code
+        return (code if isinstance(code, int) else 0), captured.out, captured.err
+
+    return call

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from run_files import RecordingFiles
 from gpvo.commands.live_trajectory import UNFINISHED
 from gpvo.trajectory import read_tum
 
-COMMAND = [sys.executable, "-c", "from gpvo.commands.cli import main; main()"]
+COMMAND = [sys.executable, "-m", "gpvo"]
 
 
 def started(recording: RecordingFiles, folder: Path) -> subprocess.Popen[str]:
@@ -30,7 +31,7 @@ def started(recording: RecordingFiles, folder: Path) -> subprocess.Popen[str]:
 
 @pytest.mark.parametrize("method", ["fixed_lag", "batch"])
 def test_killed_run_leaves_whole_lines_that_can_be_evaluated(
-    recording: RecordingFiles, tmp_path: Path, method: str
+    recording: RecordingFiles, gpvo: Callable, tmp_path: Path, method: str
 ) -> None:
     config = tmp_path / "config.yaml"
     config.write_text(recording.config.read_text() + f"estimator: {{method: {method}}}\n")
@@ -51,11 +52,9 @@ def test_killed_run_leaves_whole_lines_that_can_be_evaluated(
     poses = read_tum(file)
     assert (np.diff(poses.stamps_ns) > 0).all()
 
-    evaluate = ["eval", file, "--ground-truth", recording.ground_truth]
-    evaluate += ["--calibration", recording.calibration]
-    evaluated = subprocess.run([*COMMAND, *map(str, evaluate)], capture_output=True, text=True)
-    assert evaluated.returncode == 0, evaluated.stderr
-    assert "ATE" in evaluated.stdout
+    truth = ["--ground-truth", recording.ground_truth, "--calibration", recording.calibration]
+    code, out, error = gpvo("eval", file, *truth)
+    assert code == 0 and "ATE" in out, error
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
@@ -98,7 +97,9 @@ def test_the_end_may_come_at_any_time(
     assert process.returncode in {0, 128 + number}, said
 
 
-def test_a_second_run_into_one_folder_is_refused(recording: RecordingFiles, tmp_path: Path) -> None:
+def test_a_second_run_into_one_folder_is_refused(
+    recording: RecordingFiles, gpvo: Callable, tmp_path: Path
+) -> None:
     code = (
         "import sys, time; from gpvo.evaluation.report.result_folder import claim_folder;"
         f"claim_folder({str(tmp_path / 'out')!r}); print('claimed', flush=True); time.sleep(60)"
@@ -107,11 +108,8 @@ def test_a_second_run_into_one_folder_is_refused(recording: RecordingFiles, tmp_
     try:
         assert first.stdout is not None and first.stdout.readline() == "claimed\n"
         (tmp_path / "out" / "metrics.json").write_text("of the first run")
-        second = subprocess.run(
-            [*COMMAND, *recording.arguments(tmp_path / "out")], capture_output=True, text=True
-        )
-        assert second.returncode == 2 and "another run writes there" in second.stderr
-        assert second.stderr.count("\n") == 1
+        code, _, error = gpvo(*recording.arguments(tmp_path / "out"))
+        assert code == 2 and "another run writes there" in error and error.count("\n") == 1
         assert (tmp_path / "out" / "metrics.json").read_text() == "of the first run"
     finally:
         first.kill()

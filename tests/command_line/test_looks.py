@@ -4,31 +4,23 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 from run_files import RecordingFiles
 
 from gpvo.mapping import LandmarkMap
 
-COMMAND = [sys.executable, "-c", "from gpvo.commands.cli import main; main()"]
-
-
-def gpvo(*arguments: object, folder: Path) -> str:
-    command = [*COMMAND, *map(str, arguments)]
-    ended = subprocess.run(command, capture_output=True, text=True, cwd=folder)
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout
-
 
 def test_latest_is_the_last_run_with_its_video_and_its_map(
-    recording: RecordingFiles, tmp_path: Path
+    recording: RecordingFiles, gpvo: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     given = recording.arguments(tmp_path)[:-2]  # without --output
-    gpvo(*given, "--video", "tracks.mp4", folder=tmp_path)
+    assert gpvo(*given, "--video", "tracks.mp4")[0] == 0
     results = tmp_path / "results"
     latest = results / "latest"
     assert os.readlink(latest) in {path.name for path in results.iterdir()}
@@ -50,22 +42,13 @@ def test_latest_is_the_last_run_with_its_video_and_its_map(
     assert np.isfinite(landmarks.deviation).all()
     assert f"element vertex {len(landmarks)}\n".encode() in (latest / "map.ply").read_bytes()
 
-    truth = recording.ground_truth
-    printed = gpvo(
-        "eval",
-        latest,
-        "--ground-truth",
-        truth,
-        "--calibration",
-        recording.calibration,
-        folder=tmp_path,
-    )
+    truth = ["--ground-truth", recording.ground_truth, "--calibration", recording.calibration]
+    code, printed, _ = gpvo("eval", latest, *truth)
+    assert code == 0
     found = re.search(r"median distance to the true surface\s+([\d.]+) mm,\s+([\d.]+) %", printed)
     assert found is not None and 0 < float(found[2]) < 2.0
 
 
-def test_a_video_ends_with_mp4(recording: RecordingFiles, tmp_path: Path) -> None:
-    command = [*COMMAND, *recording.arguments(tmp_path / "out"), "--video", "tracks.avi"]
-    ended = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
-    assert ended.returncode == 2
-    assert ended.stderr == "gpvo: tracks.avi: a video ends with .mp4\n"
+def test_a_video_ends_with_mp4(recording: RecordingFiles, gpvo: Callable, tmp_path: Path) -> None:
+    code, _, error = gpvo(*recording.arguments(tmp_path / "out"), "--video", "tracks.avi")
+    assert (code, error) == (2, "gpvo: tracks.avi: a video ends with .mp4\n")

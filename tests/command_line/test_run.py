@@ -41,23 +41,6 @@ FILES = {
 }
 
 
-@pytest.fixture
-def gpvo(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str, str]]:
-    """Return a function that runs the command and returns exit status, stdout and stderr."""
-
-    def call(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["gpvo", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        code = ended.value.code
-        return (code if isinstance(code, int) else 0), captured.out, captured.err
-
-    return call
-
-
 @pytest.fixture(scope="module")
 def result(recording: RecordingFiles, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the result folder of one run."""
@@ -131,7 +114,9 @@ def test_a_right_camera_that_is_late_is_corrected(
     with h5py.File(late, "r+") as file:
         file["davis/right/events"][:, 2] += 0.03
     moved = replace(recording, data=late)
-    code, out, _ = gpvo(*moved.arguments(tmp_path / "out"), "--right-offset", "0.03")
+    code, out, _ = gpvo(
+        *moved.arguments(tmp_path / "out"), "--right-offset", "0.03", "--plots", "none"
+    )
     assert code == 0 and "degraded" not in out
     final, expected = (
         json.loads((folder / "metrics.json").read_text())["errors"]["relative_error"]["se3"]["rms"]
@@ -150,12 +135,12 @@ def test_a_full_disk_is_one_line_that_says_what_is_saved(
 
     with monkeypatch.context() as patch:
         patch.setattr(Result, "write", full)
-        code, _, error = gpvo(*recording.arguments(tmp_path / "out"))
+        code, _, error = gpvo(*recording.arguments(tmp_path / "out"), "--duration", "0.3")
     assert code == 4 and error.splitlines()[-1].startswith("gpvo: ") and "Traceback" not in error
     assert "No space left on device); the whole trajectory is saved in" in error
     with monkeypatch.context() as patch:
         patch.setattr("gpvo.commands.run.save_trajectory", full)
-        code, _, error = gpvo(*recording.arguments(tmp_path / "out"))
+        code, _, error = gpvo(*recording.arguments(tmp_path / "out"), "--duration", "0.3")
     assert code == 4 and "poses are saved in" in error and "trajectory.tum" in error
     read_tum(tmp_path / "out" / "trajectory.tum")
 
@@ -219,7 +204,7 @@ def test_configuration_of_the_run_is_kept(
     resolution = open_recording(recording.data, recording.calibration).rig.left.resolution
     assert written == for_camera(load_configuration(recording.config), resolution)
     assert written.tracking.resolutions == (1,)
-    short = ["--duration", "0.3", "--seed", "7"]
+    short = ["--duration", "0.3", "--seed", "7", "--plots", "none"]
     code, *_ = gpvo(*recording.arguments(tmp_path / "short"), *short)
     assert code == 0
     assert load_configuration(tmp_path / "short" / "config.yaml").seed == 7
@@ -230,7 +215,8 @@ def test_configuration_of_the_run_is_kept(
 def test_start_and_duration_choose_a_part(
     recording: RecordingFiles, gpvo: Callable, tmp_path: Path
 ) -> None:
-    code, *_ = gpvo(*recording.arguments(tmp_path / "part"), "--start", "0.3", "--duration", "0.3")
+    span = ["--start", "0.3", "--duration", "0.3", "--plots", "none"]
+    code, *_ = gpvo(*recording.arguments(tmp_path / "part"), *span)
     part = Trajectory.load(tmp_path / "part" / "trajectory.npz")
     assert code == 0
     assert part.start >= 0.3
@@ -257,7 +243,8 @@ def test_mostly_dead_reckoning_is_said_and_is_exit_status_3(
         events = file["davis/right/events"][:]
         del file["davis/right/events"]
         file["davis/right/events"] = np.concatenate([events[: len(events) // 5], events[-1:]])
-    code, out, _ = gpvo(*replace(recording, data=dying).arguments(tmp_path / "dead"))
+    files = replace(recording, data=dying)
+    code, out, _ = gpvo(*files.arguments(tmp_path / "dead"), "--plots", "none")
     verdicts = [
         json.loads((folder / "metrics.json").read_text())["run"]["verdict"]
         for folder in (tmp_path / "dead", result)
@@ -274,7 +261,7 @@ def test_trajectory_is_there_when_the_plots_fail(
         raise OSError("No space left on device")
 
     monkeypatch.setattr(Result, "_write_plots", full_disk)
-    code, _, error = gpvo(*recording.arguments(tmp_path / "full"))
+    code, _, error = gpvo(*recording.arguments(tmp_path / "full"), "--duration", "0.3")
     assert code == 4 and "No space left on device" in error
     saved = Trajectory.load(tmp_path / "full" / "trajectory.npz")
     lines = (tmp_path / "full" / "trajectory.tum").read_text().splitlines()

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from run_files import RecordingFiles
 
-COMMAND = [sys.executable, "-c", "from gpvo.commands.cli import main; main()"]
 MOTION = {
     f"{kind}_velocity/{axis}{band}"
     for kind in ("linear", "angular")
@@ -35,25 +35,23 @@ def entities(file: Path) -> dict[str, int]:
 
 
 def test_the_file_holds_what_the_run_saw_and_found(
-    recording: RecordingFiles, tmp_path: Path
+    recording: RecordingFiles, gpvo: Callable, tmp_path: Path
 ) -> None:
     pytest.importorskip("rerun")
     file, output = tmp_path / "run.rrd", tmp_path / "out"
-    run = [*COMMAND, *recording.arguments(output), "--save", str(file)]
-    assert subprocess.run(run, capture_output=True).returncode == 0
+    span = ["--start", "0.3", "--duration", "0.4", "--plots", "none"]
+    assert gpvo(*recording.arguments(output), *span, "--save", file)[0] == 0
     rows = entities(file)
     assert set(rows) >= MOTION | SEEN
     static = 1  # how the curve is drawn
     assert rows["left/events"] == rows["tracklets/inliers"] - static > 5
 
     again = tmp_path / "again.rrd"
-    view = [*COMMAND, "view", str(output), "--save", str(again)]
-    assert subprocess.run(view, capture_output=True).returncode == 0
+    assert gpvo("view", output, "--save", again)[0] == 0
     assert set(entities(again)) >= MOTION | {"world/landmarks"}
 
 
-def test_what_is_no_result_is_one_line(tmp_path: Path) -> None:
-    command = [*COMMAND, "view", str(tmp_path / "nothing")]
-    ended = subprocess.run(command, capture_output=True, text=True)
-    assert ended.returncode == 2 and ended.stderr.count("\n") == 1
-    assert "is no result folder" in ended.stderr
+def test_what_is_no_result_is_one_line(gpvo: Callable, tmp_path: Path) -> None:
+    code, _, error = gpvo("view", tmp_path / "nothing")
+    assert code == 2 and error.count("\n") == 1
+    assert "is no result folder" in error

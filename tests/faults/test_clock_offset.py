@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,9 @@ RIG = SimulationConfig(resolution=(320, 240), focal_length=200.0).rig
 SHARED = Path(__file__).resolve().parents[3] / "shared/recordings"
 
 
+@cache
 def contours(
-    late: float, farthest: float, seed: int, climb: float = 0.0, duration: float = 3.0
+    farthest: float, seed: int, climb: float = 0.0, duration: float = 3.0
 ) -> tuple[Events, Events]:
     """Make events of points that move together as a turning camera sees them.
 
@@ -52,7 +54,11 @@ def contours(
         point, time = point[order], time[order] + 1
         pixels = (np.floor(a[point, time]).astype(np.uint16) for a in (x, y))
         sides.append(Events(*pixels, t[time], point % 2 == 0))
-    return sides[0], replace(sides[1], t=sides[1].t + late)
+    return sides[0], sides[1]
+
+
+def later(events: Events, seconds: float) -> Events:
+    return replace(events, t=events.t + seconds)
 
 
 class Streams(Recording):
@@ -77,7 +83,8 @@ def test_the_offset_does_not_depend_on_the_baseline(
     rig: StereoRig, late: float, farthest: float, seed: int
 ) -> None:
     """Contours reach the right image's border up to a second before the left one's."""
-    found = found_offset(Streams(*contours(late, farthest, seed), rig))
+    left, right = contours(farthest, seed)
+    found = found_offset(Streams(left, later(right, late), rig))
     assert found is not None
     assert abs(found.seconds - late) < 3 * found.deviation and found.deviation < 0.006
     assert found.is_apart == (late != 0)
@@ -99,8 +106,7 @@ def turning() -> SimulatedRecording:
 @pytest.mark.parametrize("late", [0.0, 0.03])
 def test_a_constant_turn_tells_no_offset(turning: SimulatedRecording, late: float) -> None:
     """Disparity / image speed looks like one: contours enter and leave the right rows later."""
-    right = replace(turning.right, t=turning.right.t + late)
-    found = found_offset(Streams(turning.left, right, turning.rig))
+    found = found_offset(Streams(turning.left, later(turning.right, late), turning.rig))
     assert found is None or not found.is_apart or abs(found.seconds - late) < 3 * found.deviation
 
 
@@ -109,31 +115,38 @@ def test_a_constant_turn_tells_no_offset(turning: SimulatedRecording, late: floa
 @pytest.mark.parametrize("rig", [UNKNOWN_RIG, RIG], ids=["uncalibrated", "calibrated"])
 def test_rows_that_differ_are_no_offset(rig: StereoRig, rows: int, seed: int) -> None:
     """A calibration that is wrong by some rows looks late while the image moves up or down."""
-    left, right = contours(0.0, 10.0, seed, climb=200.0)
+    left, right = contours(10.0, seed, climb=200.0)
     lower = replace(right, y=np.minimum(right.y + rows, SIZE[1] - 1).astype(np.uint16))
     for side in (right, lower):
         found = found_offset(Streams(left, side, rig))
         assert found is None or not found.is_apart
 
 
-@pytest.mark.parametrize("late", [0.0, 0.03])
-@pytest.mark.parametrize(
-    ("name", "calibration"),
-    [
+@pytest.fixture(
+    scope="module",
+    params=[
         ("room1_indoor1", "camchain-imucam-indoor_flying.yaml"),
         ("street22", "street22_camchain.yaml"),
     ],
+    ids=lambda files: files[0],
 )
-def test_larger_recordings(late: float, name: str, calibration: str) -> None:
-    """Street22 has disparities of 5 to 100 pixels; its rates alone look 20 ms late."""
+def larger(request: pytest.FixtureRequest) -> tuple[Events, Events, StereoRig]:
+    """The first two seconds of a recording."""
     if not SHARED.is_dir():
         pytest.skip("the shared folder of recordings is not here")
+    name, calibration = request.param
     recording = open_recording(SHARED / f"{name}_data.hdf5", SHARED / calibration)
     batches = list(recording.event_batches(0.0, 2.1))
     left, right = (
         Events.concatenate(getattr(batch, side) for batch in batches) for side in ("left", "right")
     )
-    right = replace(right, t=right.t + late)
-    found = found_offset(Streams(left, right, recording.rig))
+    return left, right, recording.rig
+
+
+@pytest.mark.parametrize("late", [0.0, 0.03])
+def test_larger_recordings(late: float, larger: tuple[Events, Events, StereoRig]) -> None:
+    """Street22 has disparities of 5 to 100 pixels; its rates alone look 20 ms late."""
+    left, right, rig = larger
+    found = found_offset(Streams(left, later(right, late), rig))
     assert found is not None and abs(found.seconds - late) < 3 * found.deviation
     assert found.is_apart == (late != 0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -24,10 +26,10 @@ def flow(u: float, v: float) -> Flow:
 def events_of_a_pixel(places: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
     """Return the places of a wave, as they pass a pixel, at which it has an event."""
     seen, events = AMPLITUDE * np.sin(2 * np.pi * places / WAVELENGTH), []
-    last = seen[0]
-    for place, value in zip(places, seen, strict=True):
+    last = float(seen[0])
+    for place, value in zip(places.tolist(), seen.tolist(), strict=True):
         while abs(value - last) >= threshold:
-            last += np.copysign(threshold, value - last)
+            last += math.copysign(threshold, value - last)
             events.append(place)
     return np.array(events)
 
@@ -37,7 +39,7 @@ def test_the_events_of_a_slope_come_late_by_half_a_threshold(threshold: float) -
     """They are where the brightness is C / 2 farther than in the middle of the slope."""
     late = []
     for start in np.linspace(0, 1, 40):  # all phases of the last event before
-        places = np.arange(start, start + 10 * WAVELENGTH, 0.001)
+        places = np.arange(start, start + 10 * WAVELENGTH, 0.002)
         events = events_of_a_pixel(places, threshold)[20:]
         # Slopes are half a wavelength long, with their middles at its multiples.
         late.append((events + WAVELENGTH / 4) % (WAVELENGTH / 2) - WAVELENGTH / 4)
