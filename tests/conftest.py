@@ -1,7 +1,38 @@
-"""What all tests share."""
+"""What all tests share, and the order of their files."""
 
 import os
+from pathlib import Path
+
+import pytest
 
 # A console keeps the width that COLUMNS has when it is made; a test's own is to count.
 os.environ.pop("COLUMNS", None)
 import gpvo.commands.inputs  # noqa: F401
+
+FIRST = (
+    "documentation/test_readme.py",
+    "estimator/test_long_tracks.py",
+    "estimator/test_dead_reckoning.py",
+    "estimator/test_learned_noise.py",
+    "estimator/test_robustness.py",
+    "estimator/test_loops.py",
+    "command_line/test_many.py",
+    "command_line/test_kill.py",
+    "documentation/test_pages.py",
+    "command_line/test_live.py",
+    "command_line/test_run.py",
+    "live/test_live_odometry.py",
+    "benchmarks/test_faults.py",
+    "recordings/test_damage.py",
+)
+"""Files that take long, so that none is left at the end. Where nothing is compiled yet, the first
+one compiles nearly all, and another process runs what needs little of it."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.option.loadscopereorder = False  # xdist would begin with files of many tests
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    place = {Path(__file__).parent / name: number for number, name in enumerate(FIRST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))

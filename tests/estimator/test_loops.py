@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from runs import errors, fed
 from synthetic import CAMERA, constant_velocity
@@ -50,6 +52,7 @@ def two_rounds(seed: int) -> list[tuple[float, Measurements]]:
     return clusters
 
 
+@cache
 def driven(seed: int, lost_landmarks: int) -> tuple[FixedLagSmoother, Trajectory]:
     config = EstimatorConfig(lost_landmarks=lost_landmarks)
     smoother = FixedLagSmoother(CAMERA, NOISE, config)
