@@ -34,6 +34,7 @@ from gpvo.errors import InputError
 from gpvo.evaluation.report.result_folder import claim_folder, new_folder
 from gpvo.evaluation.report.run_time import CostMeter
 from gpvo.live import LiveOdometry
+from gpvo.live.load import LEVELS
 from gpvo.live.recorder import Recorder
 from gpvo.live.session import LiveSession
 from gpvo.live.sources import SOURCES, RecordingPlayer, Source, is_camera, open_cameras
@@ -163,8 +164,9 @@ def _say(session: LiveSession) -> None:
     load = session.load
     if load.worst:
         console.print(
-            f"left out because the computer could not keep up: {load.thinned:,} events by thinning,"
-            f" {load.discarded:,} that had waited too long",
+            f"the computer could not keep up: all was tracked for {load.seconds[0]:.1f} s of"
+            f" {sum(load.seconds):.1f} s, at worst {LEVELS[load.worst]}; left out:"
+            f" {load.thinned:,} events by thinning, {load.discarded:,} that had waited too long",
             style="yellow",
         )
     for kind, count in sorted(session.faults.items()):

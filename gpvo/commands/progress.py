@@ -50,7 +50,7 @@ def run_progress(
 def live_progress(
     console: Console, session: LiveSession
 ) -> Iterator[Callable[[ClusterReport], None]]:
-    """Show time, real-time factor, inliers, latency and what was shed, a cluster a call."""
+    """Show time, real-time factor, inliers, latency and what is shed, a cluster a call."""
     began = time.perf_counter()
     columns = TextColumn("{task.fields[seconds]:.2f} s"), TextColumn("{task.fields[state]}")
     with Progress(*columns, console=console) as line:
@@ -59,10 +59,9 @@ def live_progress(
         def advance(report: ClusterReport) -> None:
             load, spent = session.load, time.perf_counter() - began
             latency = session.latency.seconds[-1:] or [0.0]
-            shed = load.thinned + load.discarded
             state = (
                 f"{report.stop / spent:.2f} x real time, {report.inliers} of {report.tracklets}"
-                f" tracklets, latency {1e3 * latency[0]:.0f} ms, {shed} events shed"
+                f" tracklets, latency {1e3 * latency[0]:.0f} ms, {load.level}"
             )
             line.update(task, seconds=report.stop, state=state)
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from gpvo.recordings.streams import EventBlock
 
-LATE = 0.07
+LATE = 0.06
 """Latency from which an estimate is late, seconds; fewer features are the only cure."""
 CAUGHT_UP = 0.03
 """Age of what waits at which the computer has caught up, seconds; a cluster makes it older."""
@@ -24,7 +26,7 @@ LONGEST = 0.5
 
 @dataclass(frozen=True)
 class Level:
-    """What is left of the work.
+    """How much of the work is done.
 
     Attributes
     ----------
@@ -40,9 +42,17 @@ class Level:
     cluster_length: float = 1.0
     stride: int = 1
 
+    def __str__(self) -> str:
+        """Say what is shed, as in a sentence."""
+        said = [f"{self.features:.0%} of the features"] * (self.features < 1)
+        said += [f"clusters {self.cluster_length:g} times longer"] * (self.cluster_length > 1)
+        said += [f"one of {self.stride} events"] * (self.stride > 1)
+        return ", ".join(said) or "nothing is shed"
+
 
 LEVELS = (
     Level(),
+    Level(0.7),
     Level(0.5),
     Level(0.5, 1.5),
     Level(0.5, 2.0),
@@ -61,11 +71,14 @@ class Load:
         Numbers of events that were shed: some of many, and all of a time.
     worst
         The highest level so far.
+    seconds
+        Time at each level.
     """
 
     def __init__(self) -> None:
         self.thinned = self.discarded = self.worst = 0
-        self._level, self._patience = 0, PATIENCE
+        self.seconds = [0.0] * len(LEVELS)
+        self._level, self._patience, self._now = 0, PATIENCE, np.inf
         self._caught_up = self._in_time = self._changed = self._tried = 0.0
 
     @property
@@ -78,18 +91,26 @@ class Load:
         """Nothing is shed."""
         return self._level == 0
 
+    @property
+    def _can_be_quicker(self) -> bool:
+        """Whether fewer features are the next thing to shed: longer clusters are not quicker."""
+        level = LEVELS[min(self._level + 1, len(LEVELS) - 1)]
+        return level.cluster_length == 1.0
+
     def update(self, age: float, latency: float, now: float) -> None:
         """Take account of the time `now`, seconds.
 
         `age` is that of what waits longest, `latency` that of the newest estimate.
         """
+        self.seconds[self._level] += max(0.0, now - self._now)
+        self._now = now
         if age < CAUGHT_UP:
             self._caught_up = now
         if latency < LATE:
             self._in_time = now
         is_behind, is_late = now - self._caught_up > HURRY, now - self._in_time > HURRY
         unchanged = now - self._changed
-        if is_behind or (is_late and self.is_full):
+        if is_behind or (is_late and self._can_be_quicker):
             if unchanged > (HURRY if age < OLD else HURRY / 2):
                 self._shed_more(now)
         elif unchanged > self._patience and not self.is_full and not is_late:

@@ -158,7 +158,7 @@ class LiveSession:
         age, was_full = now - packet.arrival, self.load.is_full
         self.load.update(age, self.latency.newest, now)
         if was_full and not self.load.is_full:
-            log.warning("the computer cannot keep up: less is tracked")
+            log.warning("the computer cannot keep up: %s", self.load.level)
         elif self.load.is_full and not was_full:
             log.warning("keeping up again: all is tracked")
         level = self.load.level

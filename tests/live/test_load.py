@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from gpvo.live.load import CAUGHT_UP, HURRY, LATE, LEVELS, MOST_PATIENCE, OLD, PATIENCE, Load
 from gpvo.recordings.streams import EventBlock
@@ -39,8 +40,8 @@ def test_what_waits_long_hurries() -> None:
 def test_late_estimates_cost_features_alone() -> None:
     load = Load()
     after(load, [0.0] * 10, 10.0)
-    assert set(after(load, [0.0] * 500, 10.1, latency=2 * LATE)) == {0, 1}
-    assert load.level == LEVELS[1] and LEVELS[1].cluster_length == 1
+    levels = set(after(load, [0.0] * 500, 10.1, latency=2 * LATE))
+    assert levels == {0, 1, 2} and all(LEVELS[level].cluster_length == 1 for level in levels)
 
 
 def test_what_is_tried_in_vain_is_tried_half_as_often() -> None:
@@ -79,3 +80,13 @@ def test_features_then_clusters_then_events_are_shed() -> None:
         for values in (lengths, strides)
     )
     assert features[first_longer] < 1 and lengths[first_thinned - 1] == max(lengths)
+
+
+def test_what_is_shed_is_said_and_for_how_long() -> None:
+    load = Load()
+    after(load, [0.0] * 101, 10.0)
+    after(load, [2 * CAUGHT_UP] * 200, 11.01)
+    assert load.seconds[0] == pytest.approx(1.0 + HURRY, abs=0.05)
+    assert sum(load.seconds) == pytest.approx(3.0)
+    assert str(LEVELS[0]) == "nothing is shed"
+    assert str(LEVELS[-1]) == "25% of the features, clusters 2 times longer, one of 4 events"
