@@ -29,6 +29,7 @@ from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.estimator import FixedLagSmoother
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate
+from gpvo.estimator.lag_window import LagWindow
 from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
 from gpvo.tracking import Measurements
 from gpvo.trajectory import States
@@ -84,7 +85,7 @@ def irregular() -> list[Cluster]:
 
 
 def factors_in(estimator: FixedLagSmoother) -> list[gtsam.NonlinearFactor]:
-    graph = estimator._smoother.factors
+    graph = estimator._window.factors
     return [graph.at(i) for i in range(graph.size()) if graph.at(i) is not None]
 
 
@@ -154,15 +155,15 @@ def test_a_factor_that_is_replaced_takes_no_other_one_with_it(
     monkeypatch: pytest.MonkeyPatch, fails_at: int | None, interval: float
 ) -> None:
     """After every update, also when the window was solved again because one failed."""
-    update, failed = FixedLagSmoother._update, list[int]()
+    update, failed = LagWindow.solve, list[int]()
 
-    def failing(smoother: FixedLagSmoother, added: GraphUpdate) -> None:
+    def failing(window: LagWindow, added: GraphUpdate) -> States:
         if number == fails_at and not failed:
             failed.append(number)
             raise RuntimeError("indeterminate")
-        update(smoother, added)
+        return update(window, added)
 
-    monkeypatch.setattr(FixedLagSmoother, "_update", failing)
+    monkeypatch.setattr(LagWindow, "solve", failing)
     estimator, model = smoother(state_interval=interval), gtsam.noiseModel.Isotropic.Sigma(3, 1.0)
     added: list[int] = []
     replaced = first = 0
@@ -187,17 +188,17 @@ def test_a_failed_update_is_solved_again_and_listed(
     monkeypatch: pytest.MonkeyPatch, fails: int, interval: float
 ) -> None:
     """However often solving fails, the trajectory goes on, and the next cluster is taken again."""
-    estimator, update, calls = smoother(state_interval=interval), FixedLagSmoother._update, []
+    estimator, update, calls = smoother(state_interval=interval), LagWindow.solve, []
 
-    def failing(smoother: FixedLagSmoother, added: GraphUpdate) -> None:
+    def failing(window: LagWindow, added: GraphUpdate) -> States:
         calls.append(1)
         if len(calls) <= fails:
             raise RuntimeError("GTSAM's own words")
-        update(smoother, added)
+        return update(window, added)
 
     for number, (stop, part) in enumerate(regular(tracklets(clusters=9))):
         if number == 6:
-            monkeypatch.setattr(FixedLagSmoother, "_update", failing)
+            monkeypatch.setattr(LagWindow, "solve", failing)
         estimator.update(stop, part)
     trajectory = estimator.trajectory()
     assert trajectory is not None

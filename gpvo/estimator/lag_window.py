@@ -1,0 +1,256 @@
+"""The window of the fixed-lag smoother: its key states, and GTSAM's smoother of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import V, X
+from numpy.typing import NDArray
+
+from factors import StatesBetween
+from gpvo.estimator.dead_reckoning import DeadReckoning
+from gpvo.estimator.final_states import correct_final_states
+from gpvo.estimator.graph_builder import GraphBuilder
+from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
+from gpvo.estimator.initialization import InitialState, start_states
+from gpvo.estimator.isam2 import (
+    KeyStateSmoother,
+    are_covariances,
+    pairs_of_neighbours,
+    prior_covariance,
+)
+from gpvo.estimator.own_factors import OwnFactors, factors_that_leave
+from gpvo.estimator.state_times import SAME_TIME
+from gpvo.estimator.window_knots import WindowKnots, joint_covariances
+from gpvo.estimator.window_landmarks import WindowLandmarks, merged_states
+from gpvo.mc_ransac.iterative import VelocityFit
+from gpvo.tracking.measurements import Measurements
+from gpvo.trajectory.covariance_knots import CovarianceKnots
+from gpvo.trajectory.states import States
+
+Array = NDArray[np.float64]
+GUESSED_STEPS = 4
+"""More Gauss-Newton steps of an update where some of the motion is guessed, and may be far off."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leaving:
+    """States that the next update marginalises: `count` key states, those before a time, seconds.
+
+    With the states between, and their covariance knots.
+    """
+
+    before: float
+    count: int
+    states: States
+    knots: CovarianceKnots
+
+
+class LagWindow:
+    """The key states in the lag, what was measured in it, and GTSAM's smoother of both.
+
+    Parameters
+    ----------
+    build
+        Makes the factors.
+    own, reckoning
+        Factors of a user's own, and what is guessed of the motion.
+    initial
+        What is known of the first state.
+    first
+        Its number.
+
+    Attributes
+    ----------
+    first, own
+        Number of the first key state, and factors of a user's own.
+    keys
+        The key states as estimated now.
+    between
+        The states at the times between them, given them; None where none is known.
+    solved
+        How many key states GTSAM has; later ones are predicted.
+    landmarks
+        The measurements in the window, and the factor of them.
+    knots
+        Covariances of the states that left the window.
+    """
+
+    def __init__(
+        self,
+        build: GraphBuilder,
+        own: OwnFactors,
+        reckoning: DeadReckoning,
+        initial: InitialState,
+        first: int = 0,
+    ) -> None:
+        self._build, self._reckoning, self._initial = build, reckoning, initial
+        self.own, self.first = own, first
+        self.keys, self.solved = States(), 0
+        self.between: StatesBetween | None = None
+        self.landmarks = WindowLandmarks(build)
+        self.knots = WindowKnots(build.config.covariance_interval)
+        self._leave_before, self._leaving, self._old = -np.inf, 0, States()
+        self._smoother = KeyStateSmoother()
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    @property
+    def numbered(self) -> NumberedStates:
+        """Key states with their numbers."""
+        return NumberedStates(self.first, self.keys)
+
+    @property
+    def numbers(self) -> range:
+        """Numbers k of the key states X(k), V(k)."""
+        return self.numbered.numbers
+
+    @property
+    def factors(self) -> gtsam.NonlinearFactorGraph:
+        """Factors of the key states as they stand, with what was marginalised; None if removed."""
+        return self._smoother.factors
+
+    def linearized(self) -> States | None:
+        """Return the states at which the covariance was found; None if GTSAM does not have them."""
+        return self._smoother.linearized(self.numbers[: self.solved], self.keys.t[: self.solved])
+
+    def states_until(self, last: int) -> States:
+        """Return the states up to the key state number `last`, with those at measured times."""
+        measured = self.landmarks.measurements.t if self._build.unique_times else np.empty(0)
+        return merged_states(self.keys[: last + 1], self.between, measured)
+
+    @property
+    def states(self) -> States:
+        """All states, with those at measured times."""
+        return self.states_until(len(self) - 1)
+
+    @property
+    def first_covariance(self) -> Array:
+        """(12, 12) of the first state when it was solved last."""
+        known = self.knots.last_covariance
+        return self._initial.covariance if known is None else known
+
+    def covariance(self) -> Array:
+        """(12 K, 12 K) of the key states that were solved; the prior's alone if GTSAM has none."""
+        found = self._smoother.covariance(self.numbers[: self.solved])
+        return self._covariance_by_prior(self.keys.t[: self.solved]) if found is None else found
+
+    def knots_of(self, states: States) -> CovarianceKnots:
+        """Return the next knots, of the first states, the last one a key state."""
+        t_keys = self.keys.t[self.keys.t <= states.t[-1]]
+        t = self.knots.next_times(t_keys if self.between is None else states.t, t_keys)
+        if len(t) < 2:
+            return CovarianceKnots()
+        joint = joint_covariances(t, self.keys.t, self.covariance(), self.between)
+        if are_covariances(joint):
+            return CovarianceKnots(t, joint)
+        return CovarianceKnots(t, pairs_of_neighbours(self._covariance_by_prior(t)))
+
+    def what_leaves(self, before: float) -> Leaving:
+        """Return the states before a time, seconds, of which at least the last key state stays."""
+        before = min(before, self.keys.t[-1])
+        count = self.numbered.before(before - SAME_TIME)
+        states = self.states_until(count)
+        return Leaving(before, count, states, self.knots_of(states))
+
+    def let_leave(self, leaves: Leaving) -> None:
+        """Marginalise states at the next update, and keep their covariances."""
+        self._leave_before, self._leaving, self._old = leaves.before, leaves.count, leaves.states
+        self.knots.extend(leaves.knots)
+
+    def begin(self, update: GraphUpdate, t: float, velocity: VelocityFit | None) -> None:
+        """Make the first state, at time t."""
+        self.keys = start_states(t, velocity, self._initial)
+        update.add_states(self.numbered)
+        update.add_factors(self._prior_on_first_state())
+
+    def extend(self, update: GraphUpdate, t: Array, twist: Array) -> None:
+        """Add key states at times t (N,), moving at a twist (6,), and the WNOA priors to them."""
+        last, count = self.keys.t[-1], len(self)
+        self.keys = States.concatenate([self.keys, self.keys[-1:].at(t, twist)])
+        update.add_states(self.numbered.after(count))
+        self._reckoning.extend(float(last), float(t[-1]))
+        update.add_factors(self._motion_since(count - 1))
+
+    def add_measurements(self, update: GraphUpdate, new: Measurements) -> None:
+        """Add new measurements, and marginalise those that leave.
+
+        Raises
+        ------
+        RuntimeError, IndexError, ValueError
+            If that fails; a factor of a user's own raises what it likes.
+        """
+        leaving = self._leaving
+        others = factors_that_leave(
+            self.factors, update, self.numbered, leaving, self.landmarks.index
+        )
+        self.landmarks.add_to(update, self.numbered, new, leaving, others)
+
+    def solve(self, update: GraphUpdate) -> States:
+        """Update GTSAM's smoother, take over its estimate; return the states that are final now.
+
+        Raises
+        ------
+        RuntimeError, IndexError, ValueError
+            If that fails; a factor of a user's own raises what it likes.
+        """
+        more_steps = GUESSED_STEPS if self._reckoning.in_window else 0
+        times = float(self.keys.t[-1]), self._leave_before
+        self.landmarks.updated(self._smoother.update(update, *times, more_steps))
+        left = self._leaving
+        newest = self._smoother.states(self.numbers[left:], self.keys.t[left:])
+        final = correct_final_states(self._old, newest[:1])[:-1] if left else States()
+        self._leave(newest)
+        self.solved = len(newest)
+        self.between = self.landmarks.states_between(self.numbered)
+        return final
+
+    def again(self, forget: bool = False) -> tuple[GraphUpdate, States]:
+        """Return everything in the window, for a new smoother, and the states that are final now.
+
+        The landmarks' prior may be forgotten.
+        """
+        leaving, final = self._leaving, States()
+        if leaving:
+            final = self._old[:-1]
+            self._leave(self.keys[leaving:])
+        self._smoother, update = KeyStateSmoother(), GraphUpdate()
+        motion = self._motion_since(0)
+        update.add_factors([*self._prior_on_first_state(), *motion, *self.own.active])
+        update.add_states(self.numbered)
+        # A prior is of the first state; with another one it says nothing.
+        self.landmarks.add_all_to(update, self.numbered, forget or leaving > 0)
+        return update, final
+
+    def predict(self) -> None:
+        """Forget the measurements, and carry the first state on at its velocity."""
+        self.landmarks.clear()
+        self.keys = self.keys[:1].at(self.keys.t)
+
+    def give_up(self) -> None:
+        """Take the states as they are predicted for solved."""
+        self.between, self.solved = None, len(self.keys)
+
+    def _leave(self, stays: States) -> None:
+        """Begin the window at the first key state that stays."""
+        self.first, self.keys, self._leaving = self.first + self._leaving, stays, 0
+        self.own.keep({key(k) for k in self.numbers for key in (X, V)})
+        self._reckoning.forget(float(stays.t[0]))
+
+    def _motion_since(self, first: int) -> list[gtsam.NonlinearFactor]:
+        """Make the WNOA priors from a key state on, and what is guessed of the velocity."""
+        numbers, t = self.numbers[first:], self.keys.t[first:]
+        density = self._reckoning.densities(t, self._build.qc)
+        return [*self._build.motion(numbers, t, density), *self._reckoning.at_rest(numbers, t)]
+
+    def _prior_on_first_state(self) -> list[gtsam.NonlinearFactor]:
+        T_world_cam, twist = self.keys.T_world_cam[0], self.keys.twist[0]
+        covariance = self.first_covariance
+        return self._build.prior_on_first_state(self.first, T_world_cam, twist, covariance)
+
+    def _covariance_by_prior(self, t: Array) -> Array:
+        """(12 n, 12 n) of states at times (n,) from the window's first state on."""
+        return prior_covariance(self.first_covariance, t, self._build.qc.tolist())
