@@ -52,7 +52,7 @@ def pose_between(values: gtsam.Values, t_i: float, t_j: float, t: Array | float)
 def derivative(
     function: Callable[[gtsam.Values], Array], values: gtsam.Values, key: int, step: float
 ) -> Array:
-    """Numerical derivative by a variable of the values, to the fourth order in the step."""
+    """Numerical derivative by a variable of the values, to the sixth order in the step."""
     size = len(values.zeroVectors().at(key))
 
     def at(i: int, h: float) -> Array:
@@ -64,9 +64,8 @@ def derivative(
 
     columns = []
     for i in range(size):
-        near = (at(i, step) - at(i, -step)) / (2 * step)
-        far = (at(i, 2 * step) - at(i, -2 * step)) / (4 * step)
-        columns.append((4 * near - far) / 3)
+        near, far, farther = ((at(i, h) - at(i, -h)) / (2 * h) for h in (step, 2 * step, 4 * step))
+        columns.append((64 * near - 20 * far + farther) / 45)
     return np.stack(columns, axis=-1)
 
 
