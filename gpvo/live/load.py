@@ -78,8 +78,9 @@ class Load:
     def __init__(self) -> None:
         self.thinned = self.discarded = self.worst = 0
         self.seconds = [0.0] * len(LEVELS)
-        self._level, self._patience, self._now = 0, PATIENCE, np.inf
-        self._caught_up = self._in_time = self._changed = self._tried = 0.0
+        self._level, self._patience, self._tried = 0, PATIENCE, -np.inf
+        self._now: float | None = None
+        self._caught_up = self._in_time = self._changed = 0.0
 
     @property
     def level(self) -> Level:
@@ -102,18 +103,21 @@ class Load:
 
         `age` is that of what waits longest, `latency` that of the newest estimate.
         """
-        self.seconds[self._level] += max(0.0, now - self._now)
+        if self._now is None:
+            self._now = self._caught_up = self._in_time = self._changed = now
+        self.seconds[self._level] += now - self._now
         self._now = now
         if age < CAUGHT_UP:
             self._caught_up = now
         if latency < LATE:
             self._in_time = now
         is_behind, is_late = now - self._caught_up > HURRY, now - self._in_time > HURRY
+        has_time = not is_late or self.level.cluster_length > 1
         unchanged = now - self._changed
         if is_behind or (is_late and self._can_be_quicker):
             if unchanged > (HURRY if age < OLD else HURRY / 2):
                 self._shed_more(now)
-        elif unchanged > self._patience and not self.is_full and not is_late:
+        elif unchanged > self._patience and has_time and not self.is_full:
             self._shed_less(now)
 
     def thin(self, block: EventBlock) -> EventBlock:
@@ -125,7 +129,7 @@ class Load:
     def _shed_more(self, now: float) -> None:
         in_vain = now - self._tried < IN_VAIN
         self._patience = min(2 * self._patience, MOST_PATIENCE) if in_vain else PATIENCE
-        self._tried = -IN_VAIN
+        self._tried = -np.inf
         self._level, self._changed = min(self._level + 1, len(LEVELS) - 1), now
         self.worst = max(self.worst, self._level)
 

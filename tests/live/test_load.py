@@ -44,6 +44,20 @@ def test_late_estimates_cost_features_alone() -> None:
     assert levels == {0, 1, 2} and all(LEVELS[level].cluster_length == 1 for level in levels)
 
 
+def test_late_estimates_do_not_keep_clusters_long() -> None:
+    load = Load()
+    after(load, [2 * CAUGHT_UP] * 300, 10.0, latency=2 * LATE)
+    assert load.level == LEVELS[-1]
+    after(load, [0.0] * 3000, 13.0, latency=2 * LATE)
+    assert load.level == LEVELS[2] and load.level.cluster_length == 1
+
+
+def test_what_waits_at_first_sheds_nothing() -> None:
+    load = Load()
+    load.update(2 * CAUGHT_UP, 0.0, 1e6)
+    assert load.is_full and sum(load.seconds) == 0
+
+
 def test_what_is_tried_in_vain_is_tried_half_as_often() -> None:
     """All features make the estimates late, half of them do not."""
     load, tried = Load(), []
