@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,18 +109,20 @@ def missing(seconds: float, share: float = 0.0) -> Harm:
 
 def standstill(seconds: float, noise: float) -> Harm:
     """Stop the motion for some time, in which there is noise of so many Hz per pixel."""
+    return partial(_stood_still, seconds=seconds, noise=noise)  # which workers can be sent
 
-    def harm(recording: SimulatedRecording, t: float, rng: Rng) -> SimulatedRecording:
-        def change(events: Events) -> Events:
-            later = np.where(events.t < t, events.t, events.t + seconds)
-            between = _noise(recording.rig.resolution, noise, t, seconds, rng)
-            return merged(replace(events, t=later), between)
 
-        still = _both(recording, change)
-        truth = _held(recording.ground_truth, recording.stamp_ns(t), round(seconds * 1e9))
-        return replace(still, duration=recording.duration + seconds, ground_truth=truth)
+def _stood_still(
+    recording: SimulatedRecording, t: float, rng: Rng, seconds: float, noise: float
+) -> SimulatedRecording:
+    def change(events: Events) -> Events:
+        later = np.where(events.t < t, events.t, events.t + seconds)
+        between = _noise(recording.rig.resolution, noise, t, seconds, rng)
+        return merged(replace(events, t=later), between)
 
-    return harm
+    still = _both(recording, change)
+    truth = _held(recording.ground_truth, recording.stamp_ns(t), round(seconds * 1e9))
+    return replace(still, duration=recording.duration + seconds, ground_truth=truth)
 
 
 def at_first(harm: Harm) -> Harm:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.fault_cases import Harm, Rng, merged
+from benchmarks.fault_cases import Rng, merged
 from gpvo.recordings import Events
 from gpvo.simulation import SimulatedRecording
 
@@ -14,41 +14,39 @@ LAMP = np.array([[60, 40], [90, 60]])
 """First and last column and row (2, 2) of what flickers, in the left image."""
 
 
-def hot_pixels(number: int, rate: float) -> Harm:
+def hot_pixels(
+    recording: SimulatedRecording, t: float, rng: Rng, number: int, rate: float
+) -> SimulatedRecording:
     """Let some pixels of each camera fire all the time, at `rate` Hz each."""
 
-    def harm(recording: SimulatedRecording, t: float, rng: Rng) -> SimulatedRecording:
-        def with_hot(events: Events) -> Events:
-            width, height = recording.rig.resolution
-            x, y = rng.integers(0, width, number), rng.integers(0, height, number)
-            count = rng.poisson(number * rate * recording.duration)
-            which = rng.integers(0, number, count)
-            times = rng.uniform(0.0, recording.duration, count)
-            return with_more(events, x[which], y[which], times)
+    def with_hot(events: Events) -> Events:
+        width, height = recording.rig.resolution
+        x, y = rng.integers(0, width, number), rng.integers(0, height, number)
+        count = rng.poisson(number * rate * recording.duration)
+        which = rng.integers(0, number, count)
+        times = rng.uniform(0.0, recording.duration, count)
+        return with_more(events, x[which], y[which], times)
 
-        left, right = with_hot(recording.left), with_hot(recording.right)
-        return replace(recording, left=left, right=right)
-
-    return harm
+    left, right = with_hot(recording.left), with_hot(recording.right)
+    return replace(recording, left=left, right=right)
 
 
-def flicker(frequency: float, disparity: int) -> Harm:
+def flicker(
+    recording: SimulatedRecording, t: float, rng: Rng, frequency: float, disparity: int
+) -> SimulatedRecording:
     """Let a patch of both images switch on and off, once a half period, for 2 ms."""
 
-    def harm(recording: SimulatedRecording, t: float, rng: Rng) -> SimulatedRecording:
-        def with_lamp(events: Events, shift: int) -> Events:
-            (first_x, first_y), (last_x, last_y) = LAMP
-            x, y = (a.ravel() for a in np.mgrid[first_x:last_x, first_y:last_y])
-            starts = np.arange(0.0, recording.duration - 0.002, 0.5 / frequency)
-            times = starts[:, None] + rng.uniform(0.0, 0.002, (len(starts), len(x)))
-            columns = np.broadcast_to(x - shift, times.shape)
-            rows = np.broadcast_to(y, times.shape)
-            return with_more(events, columns.ravel(), rows.ravel(), times.ravel())
+    def with_lamp(events: Events, shift: int) -> Events:
+        (first_x, first_y), (last_x, last_y) = LAMP
+        x, y = (a.ravel() for a in np.mgrid[first_x:last_x, first_y:last_y])
+        starts = np.arange(0.0, recording.duration - 0.002, 0.5 / frequency)
+        times = starts[:, None] + rng.uniform(0.0, 0.002, (len(starts), len(x)))
+        columns = np.broadcast_to(x - shift, times.shape)
+        rows = np.broadcast_to(y, times.shape)
+        return with_more(events, columns.ravel(), rows.ravel(), times.ravel())
 
-        left, right = with_lamp(recording.left, 0), with_lamp(recording.right, disparity)
-        return replace(recording, left=left, right=right)
-
-    return harm
+    left, right = with_lamp(recording.left, 0), with_lamp(recording.right, disparity)
+    return replace(recording, left=left, right=right)
 
 
 def half_dead(recording: SimulatedRecording, t: float, rng: Rng) -> SimulatedRecording:

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -70,17 +69,18 @@ def run_suite(
     seeds: Sequence[int],
     configuration: Configuration,
     workers: tuple[int, str | None],
-    console: Console,
+    keep: Callable[[Sequence[CaseResult]], None],
 ) -> list[CaseResult]:
     """Run every case with every seed; the results are in this order.
 
-    `workers` are the number of jobs and the address of a Dask scheduler.
+    `workers` are the number of jobs and the address of a Dask scheduler. `keep` is called with the
+    results so far after each.
     """
     tasks = [(case, seed, configuration) for case in cases for seed in seeds]
     results = []
     for result in in_order(run_case, tasks, *workers):
         results.append(result)
-        console.print(results[-1].line(), highlight=False, markup=False)
+        keep(results)
     return results
 
 
@@ -129,7 +129,17 @@ def main(
         make_folder(options.output)
     workers = options.jobs, options.scheduler
     seeds = range(options.first_seed, options.first_seed + options.seeds)
-    results = run_suite(cases, seeds, configuration, workers, console)
+    facts = {
+        "configuration": configuration.model_dump(mode="json"),
+        "simulations": simulations,
+    }
+
+    def keep(results: Sequence[CaseResult]) -> None:
+        console.print(results[-1].line(), highlight=False, markup=False)
+        if options.output is not None:
+            write_summary(options.output / "summary.json", results, facts)
+
+    results = run_suite(cases, seeds, configuration, workers, keep)
     tables = [summary_table(results)]
     if options.against:
         tables.append(comparison_table(results, earlier))
@@ -141,11 +151,7 @@ def main(
     for text in dict.fromkeys(machine_text(cost.machine) for cost in costs):
         console.print(f"{text}; reading included, compiling not", style="dim", highlight=False)
     if options.output is not None:
-        facts = {
-            "configuration": configuration.model_dump(mode="json"),
-            "simulations": simulations,
-        }
-        write(options.output, results, earlier, tables, facts)
+        write(options.output, results, earlier, tables)
     return results
 
 
@@ -154,13 +160,11 @@ def write(
     results: Sequence[CaseResult],
     earlier: Sequence[CaseResult],
     tables: Sequence[ResultTable],
-    facts: Mapping[str, Any],
 ) -> None:
-    """Write summary.json, tables.md and simulated.png."""
+    """Write tables.md and simulated.png."""
     from benchmarks.simulated_plot import suite_figure  # matplotlib is slow to import
     from gpvo.evaluation.report.plots import save_figure
 
-    write_summary(folder / "summary.json", results, facts)
     (folder / "tables.md").write_text("\n".join(map(to_markdown, tables)), encoding="utf-8")
     save_figure(suite_figure(results, earlier), folder / "simulated.png")
 

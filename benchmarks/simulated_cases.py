@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -90,8 +91,8 @@ CASES = (
         boxes=25,
     ),
     _case("hot_pixel", hot_pixel),
-    _case("hot_pixels", hot_pixels(40, 20e3)),
-    _case("flicker", flicker(100.0, 8)),
+    _case("hot_pixels", partial(hot_pixels, number=40, rate=20e3)),
+    _case("flicker", partial(flicker, frequency=100.0, disparity=8)),
     _case("burst", burst),
     _case("half_dead", half_dead),
     # A camera at rest has noise. Without any, events are missing: see `benchmarks.faults`.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -21,6 +22,7 @@ from benchmarks.simulated_summary import (
     read_summary,
     write_summary,
 )
+from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.report.run_time import Cost
 from gpvo.simulation import SimulationConfig
@@ -76,6 +78,21 @@ def test_a_run_leaves_a_summary_a_table_and_a_plot(first) -> None:
     text = (folder / "tables.md").read_text()
     assert "| small |" in text and "| peak memory |" in text
     assert (folder / "simulated.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_results_so_far_are_kept_if_the_suite_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ended(case: Case, seed: int, configuration: Configuration) -> CaseResult:
+        if seed:
+            raise KeyboardInterrupt
+        return CaseResult(case.name, seed, failure="nothing moved")
+
+    monkeypatch.setattr(simulated, "run_case", ended)
+    with pytest.raises(KeyboardInterrupt):
+        run("--cases", "still", "--seeds", 2, "--jobs", 1, "--output", tmp_path)
+    (kept,) = read_summary(tmp_path / "summary.json")
+    assert (kept.case, kept.seed) == ("still", 0)
 
 
 def test_a_dask_cluster_gives_the_same_and_comparison_shows_it(first) -> None:
@@ -136,6 +153,12 @@ def test_the_suite_has_what_makes_odometry_hard() -> None:
     motions = {case.config.motion for case in CASES}
     assert motions == {"hand_held", "fast", "rotation", "back_and_forth", "corridor", "driving"}
     assert {case.config.resolution[1] for case in CASES} == {180, 260, 480, 720}
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_workers_can_be_sent_each_case(case: Case) -> None:
+    sent = pickle.loads(pickle.dumps(case))
+    assert sent.name == case.name and sent.config == case.config
 
 
 @pytest.mark.parametrize("name", ["hot_pixels", "flicker", "half_dead", "5_s_still"])
