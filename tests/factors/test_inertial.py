@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from graphs import assert_derivatives_match, random_states, seeds
 from gtsam.symbol_shorthand import B, U, V, X
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -127,6 +127,7 @@ def test_errors_and_worlds_that_it_does_not_know_are_refused() -> None:
 
 
 @given(seed=seeds, exponent=st.floats(-4, 0.5))
+@example(seed=1, exponent=0.5)  # four turns: made, at least
 @settings(deadline=None, max_examples=30)
 def test_it_is_exact_from_a_tenth_of_a_millisecond_to_seconds(seed: int, exponent: float) -> None:
     """And at large rotations and biases, where the error and its Jacobians are large, too."""
@@ -147,6 +148,8 @@ def test_it_is_exact_from_a_tenth_of_a_millisecond_to_seconds(seed: int, exponen
     factor = ImuFactor(data, (X(0), V(0), 0.0), (X(1), V(1), data.deltaTij()), B(0))
     native = gtsam.ImuFactor(X(0), U(0), X(1), U(1), B(0), data)
     expected = native.unwhitenedError(theirs)
+    # GTSAM integrates the turn in the tangent space, which has no inverse at whole turns.
+    assume(np.linalg.norm(data.preintegrated()[:3]) < 6.0)
     # Of angles within 0.002 of pi the translation of GTSAM's logarithm is off by 1e-7, ours is not.
     assume(np.linalg.norm(expected[:3]) < np.pi - 0.01)
     off = np.abs(factor.unwhitenedError(ours) - expected).max()
