@@ -10,7 +10,8 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.kernels.se3 import Array, kernel
+from factors.kernels.compiled import kernel
+from factors.kernels.se3 import Array
 
 Pose = ArrayLike | gtsam.Pose3
 """A transform (4, 4), or GTSAM's."""

@@ -19,12 +19,12 @@ from factors.checks import (
     checked_vector,
 )
 from factors.factor import Factor
+from factors.kernels.compiled import kernel
 from factors.kernels.se3 import (
     RIGHT,
     Array,
     exp_kernel,
     jacobian_coefficients_kernel,
-    kernel,
     se3_polynomial_kernel,
 )
 from factors.lie import se3_adjoint, se3_inverse, skew

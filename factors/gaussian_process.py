@@ -16,7 +16,8 @@ from factors.checks import checked_array, key_names, power_spectral_density
 from factors.incremental import Incremental, joint_marginals
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.kernels.between import extrapolated_jacobian_kernel, state_between_kernel
-from factors.kernels.se3 import Array, kernel
+from factors.kernels.compiled import kernel
+from factors.kernels.se3 import Array
 from factors.variables import State, as_state, checked_keys, fault_of, variables_at
 
 Index = NDArray[np.int64]

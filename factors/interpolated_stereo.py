@@ -12,8 +12,12 @@ from factors.checks import Pose, checked_key, checked_pose, power_spectral_densi
 from factors.factor import Factor
 from factors.jacobian_blocks import JacobianBlocks
 from factors.kernels.between import between_kernel, chain_kernel
+from factors.kernels.compiled import kernel
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
-from factors.kernels.se3 import Array, copy_columns_kernel, kernel
+from factors.kernels.se3 import (
+    Array,
+    copy_columns_kernel,
+)
 from factors.lie import se3_adjoint, se3_inverse
 from factors.stereo import (
     Camera,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import Poses, checked_array, checked_poses
+from factors.kernels.compiled import kernel
 from factors.kernels.local_variables import (
     hermite_weights,
     interpolated_local_kernel,
@@ -18,7 +19,10 @@ from factors.kernels.local_variables import (
     retract_kernel,
     wnoa_kernel,
 )
-from factors.kernels.se3 import Array, compose_exp_kernel, kernel
+from factors.kernels.se3 import (
+    Array,
+    compose_exp_kernel,
+)
 from factors.wnoa import information_root, kronecker, whitening
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import Poses, checked_array, checked_poses
+from factors.kernels.compiled import kernel
 from factors.kernels.se3 import (
     LEFT,
     Array,
@@ -18,7 +19,6 @@ from factors.kernels.se3 import (
     exp_kernel,
     inverse_coefficients_kernel,
     jacobian_coefficients_kernel,
-    kernel,
     log_kernel,
     se3_polynomial_kernel,
 )

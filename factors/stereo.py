@@ -20,7 +20,8 @@ from factors.checks import (
     checked_vector,
 )
 from factors.factor import Described
-from factors.kernels.se3 import Array, kernel
+from factors.kernels.compiled import kernel
+from factors.kernels.se3 import Array
 from factors.variables import POINT3, POSE3, Variable, checked_keys
 
 StereoMeasurement = ArrayLike | gtsam.StereoPoint2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import inner_kernel, kernel
 from factors.kernels.local_variables import (
     EXACT,
     backward_adjoint_kernel,
@@ -21,9 +22,7 @@ from factors.kernels.outputs import Addresses, jacobian_at
 from factors.kernels.se3 import (
     RIGHT,
     Array,
-    inner_kernel,
     jacobian_coefficients_kernel,
-    kernel,
     log_kernel,
     polynomial_derivative_kernel,
     product_kernel,

@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from factors.kernels.compiled import inner_kernel, kernel
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
 from factors.kernels.se3 import (
     RIGHT,
     Array,
     exp_kernel,
-    inner_kernel,
     jacobian_coefficients_kernel,
-    kernel,
     log_and_inverse_kernel,
     relative_kernel,
     se3_polynomial_kernel,

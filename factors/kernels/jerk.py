@@ -13,15 +13,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from factors.kernels.compiled import inner_kernel, kernel
 from factors.kernels.local_variables import retract_kernel
 from factors.kernels.se3 import (
     LEFT,
     RIGHT,
     Array,
-    inner_kernel,
     inverse_coefficients_kernel,
     jacobian_coefficients_kernel,
-    kernel,
     log_kernel,
     polynomial_derivative_kernel,
     product_kernel,

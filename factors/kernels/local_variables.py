@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from factors.kernels.compiled import bare_kernel, inner_kernel, kernel
 from factors.kernels.se3 import (
     RIGHT,
     Array,
     adjoint_coefficients_kernel,
-    bare_kernel,
     compose_exp_kernel,
     copy_kernel,
     first_stumpff_kernel,
-    inner_kernel,
     inverse_coefficients_kernel,
     jacobian_coefficients_kernel,
-    kernel,
     log_and_inverse_kernel,
     multiply_kernel,
     polynomial_derivative_kernel,

@@ -14,7 +14,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from factors.kernels.se3 import Array, inner_kernel
+from factors.kernels.compiled import inner_kernel
+from factors.kernels.se3 import Array
 
 Addresses = NDArray[np.uint64]
 

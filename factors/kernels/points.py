@@ -13,8 +13,9 @@ from factors.kernels.between import (
     chain_kernel,
     whiten_between_kernel,
 )
+from factors.kernels.compiled import inner_kernel, kernel
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
-from factors.kernels.se3 import Array, inner_kernel, kernel
+from factors.kernels.se3 import Array
 
 
 @inner_kernel

@@ -12,28 +12,13 @@ Arrays are C-contiguous float64, because numba would compile a kernel again for 
 from __future__ import annotations
 
 from math import factorial
-from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from factors.kernels.compiled import bare_kernel, inner_kernel
 
-# Compilation delays the first run. Wrappers that nobody calls are therefore left out, and kernels
-# take no integers, because numba would compile them again for each literal integer.
-kernel = njit(cache=True, error_model="numpy", no_cfunc_wrapper=True, nogil=True)
-_INNER: dict[str, Any] = {  # of those that are called by kernels only
-    "cache": True,
-    "error_model": "numpy",
-    "no_cfunc_wrapper": True,
-    "no_cpython_wrapper": True,
-    "forceinline": True,
-}
-inner_kernel = njit(**_INNER)
-# One that makes no array, and calls none that does, need not count who holds the arrays it is
-# given; that takes longer than what most of these compute.
-bare_kernel = njit(**_INNER, _nrt=False)
+Array = NDArray[np.float64]
 
 LEFT, RIGHT = 1.0, -1.0  # the right Jacobian is the left one of -xi, which has -p
 

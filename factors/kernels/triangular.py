@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.kernels.se3 import Array, bare_kernel, kernel
+from factors.kernels.compiled import bare_kernel, kernel
+from factors.kernels.se3 import Array
 
 
 @bare_kernel

@@ -9,13 +9,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import inner_kernel, kernel
 from factors.kernels.jerk import wnoj_kernel
 from factors.kernels.local_variables import (
     local_blocks_kernel,
     local_of_relative_kernel,
 )
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
-from factors.kernels.se3 import Array, inner_kernel, kernel, relative_kernel
+from factors.kernels.se3 import (
+    Array,
+    relative_kernel,
+)
 
 Index = NDArray[np.uint64]  # numba looks whether signed ones are negative
 

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.se3 import Array, bare_kernel, kernel
+from factors.kernels.compiled import bare_kernel, kernel
+from factors.kernels.se3 import Array
 
 _ROUNDING = 1e-13  # of a variance: what is left of it after elimination is no number any more
 

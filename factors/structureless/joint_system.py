@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.se3 import Array, bare_kernel, kernel
+from factors.kernels.compiled import bare_kernel, kernel
+from factors.kernels.se3 import Array
 from factors.kernels.triangular import (
     solve_transposed_kernel,
     solve_upper_kernel,

@@ -11,12 +11,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import bare_kernel, kernel
 from factors.kernels.local_variables import (
     local_state_kernel,
     write_hermite_weights,
     write_interpolated_local,
 )
-from factors.kernels.se3 import Array, bare_kernel, compose_exp_kernel, kernel
+from factors.kernels.se3 import (
+    Array,
+    compose_exp_kernel,
+)
 from factors.structureless.robust_losses import loss_kernel
 
 Index = NDArray[np.int64]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from factors.kernels.compiled import bare_kernel, kernel
 from factors.kernels.se3 import (
     RIGHT,
     Array,
-    bare_kernel,
     inverse_coefficients_kernel,
-    kernel,
     log_kernel,
     relative_kernel,
     se3_polynomial_kernel,

@@ -11,7 +11,8 @@ from typing import Any
 import gtsam
 import numpy as np
 
-from factors.kernels.se3 import Array, bare_kernel, kernel
+from factors.kernels.compiled import bare_kernel, kernel
+from factors.kernels.se3 import Array
 
 SQUARE, HUBER, CAUCHY, GEMAN_MCCLURE = 0.0, 1.0, 2.0, 3.0
 _FAR = 2.0**100  # no rounding: a power of two

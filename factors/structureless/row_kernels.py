@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from factors.kernels.between import interpolated_jacobian_kernel, state_by_local_kernel
+from factors.kernels.compiled import kernel
 from factors.kernels.local_variables import (
     backward_adjoint_kernel,
     chain_rule_kernel,
@@ -16,10 +17,7 @@ from factors.kernels.local_variables import (
     write_hermite_weights,
     write_interpolated_local,
 )
-from factors.kernels.se3 import (
-    Array,
-    kernel,
-)
+from factors.kernels.se3 import Array
 from factors.structureless.landmark_kernels import (
     Index,
     landmark_rows_kernel,

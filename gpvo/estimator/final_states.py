@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from factors.kernels.local_variables import hermite_weights, local_state_kernel, retract_kernel
-from factors.kernels.se3 import kernel
 from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.config import ClusteringConfig
 from gpvo.events.cluster_length import ClusterLength
 from gpvo.events.flashes import FlashDetector
@@ -259,13 +259,13 @@ class _PendingEvents:
         )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mark(active: NDArray[np.bool_], x: NDArray[np.uint16], y: NDArray[np.uint16]) -> None:
     for i in range(len(x)):
         active[y[i], x[i]] = True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _paint(
     surface: NDArray[np.float64],
     x: NDArray[np.uint16],

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.config import ClusteringConfig
 from gpvo.recordings import Events
 
@@ -201,7 +201,7 @@ def noise_rate(
     return float(rate)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _judge(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
@@ -234,7 +234,7 @@ def _judge(
         fate[i] = BACKGROUND if alone else KEPT
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _is_hot(pixels: NDArray[np.float64], row: int, column: int, ratio: float) -> bool:
     """Compare a pixel's recent events with those of the eight pixels around it."""
     own = pixels[row, column, 1]

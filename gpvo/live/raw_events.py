@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.errors import InputError
 from gpvo.recordings import Camera
 from gpvo.recordings.streams import EventBlock
@@ -66,7 +66,7 @@ def is_faultless(
     return bool(_is_faultless(x, y, t, *camera.resolution, before))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _is_faultless(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],

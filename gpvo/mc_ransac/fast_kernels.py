@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import factorial
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from factors.kernels.compiled import kernel
 
 Array = NDArray[np.float64]
 
@@ -18,7 +19,7 @@ BLOCK = 32
 """Number of segments tested at once, in vector registers; the count may end after each block."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def moved_points(points: Array, dt: Array, velocity: Array) -> Array:
     """Compute where static points (N, 3) are in the camera frame after dt (N,): Exp(-dt v) p."""
     moved = np.empty_like(points)
@@ -27,7 +28,7 @@ def moved_points(points: Array, dt: Array, velocity: Array) -> Array:
     return moved
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def move(x: float, y: float, z: float, dt: float, velocity: Array) -> tuple[float, float, float]:
     """Compute Exp(-dt v) p."""
     fx, fy, fz = -dt * velocity[0], -dt * velocity[1], -dt * velocity[2]
@@ -35,7 +36,7 @@ def move(x: float, y: float, z: float, dt: float, velocity: Array) -> tuple[floa
     return _move_by_series(x, y, z, dt, velocity, series)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _move_by_series(
     x: float, y: float, z: float, dt: float, velocity: Array, series: tuple[float, float, float]
 ) -> tuple[float, float, float]:
@@ -57,7 +58,7 @@ def _move_by_series(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rotation_series(squared_angle: float) -> tuple[float, float, float]:
     """Compute sin(w)/w, (1 - cos w)/w^2 and (w - sin w)/w^3 from the squared angle w^2."""
     if squared_angle < HALF_TURN:
@@ -66,7 +67,7 @@ def _rotation_series(squared_angle: float) -> tuple[float, float, float]:
     return np.sin(angle) / angle, (1 - np.cos(angle)) / s, (angle - np.sin(angle)) / (angle * s)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _half_turn_series(s: float) -> tuple[float, float, float]:
     """Compute `_rotation_series` below `HALF_TURN`, without branches and square roots."""
     b = B[8] - s * (B[9] - s * (B[10] - s * (B[11] - s * B[12])))
@@ -78,7 +79,7 @@ def _half_turn_series(s: float) -> tuple[float, float, float]:
     return 1.0 - s * c, b, c
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def best_sample_velocity(
     points: Array,
     displacements: Array,
@@ -110,7 +111,7 @@ def best_sample_velocity(
     return best_velocity
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _columns(points: Array, dt: Array, later: Array, tolerance: Array) -> Array:
     """Return points, later measurements, dt and squared tolerance, (8, N).
 
@@ -121,7 +122,7 @@ def _columns(points: Array, dt: Array, later: Array, tolerance: Array) -> Array:
     return columns
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _samples_needed(inlier_ratio: float, sample_size: int, confidence: float) -> float:
     all_inliers = inlier_ratio**sample_size
     if confidence >= 1 or all_inliers <= 0:
@@ -129,7 +130,7 @@ def _samples_needed(inlier_ratio: float, sample_size: int, confidence: float) ->
     return np.log(1 - confidence) / np.log(1 - min(all_inliers, 1 - 1e-12))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sample_velocity(
     points: Array, displacements: Array, dt: Array, sample: NDArray[np.int64]
 ) -> tuple[bool, Array]:
@@ -165,7 +166,7 @@ def sample_velocity(
     return solved, velocity
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _solve_inertia(
     moments: tuple[float, float, float, float, float, float], right: tuple[float, float, float]
 ) -> tuple[bool, float, float, float]:
@@ -195,7 +196,7 @@ def _solve_inertia(
     return True, b0 / d0 - l10 * y - l20 * z, y, z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count_inliers(columns: Array, camera: Array, velocity: Array, most: int) -> int:
     """Count the segments within tolerance; give up once the count cannot exceed `most`.
 
@@ -216,7 +217,7 @@ def _count_inliers(columns: Array, camera: Array, velocity: Array, most: int) ->
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _count_half_turns(columns: Array, start: int, stop: int, camera: Array, velocity: Array) -> int:
     """Count inliers among some segments, without branches so that it runs in vector registers."""
     squared_speed = velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2
@@ -229,7 +230,7 @@ def _count_half_turns(columns: Array, start: int, stop: int, camera: Array, velo
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _count_turns(columns: Array, start: int, stop: int, camera: Array, velocity: Array) -> int:
     count = 0
     for i in range(start, stop):
@@ -238,7 +239,7 @@ def _count_turns(columns: Array, start: int, stop: int, camera: Array, velocity:
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _is_inlier(
     point: tuple[float, float, float], columns: Array, i: int, camera: Array
 ) -> np.int64:
@@ -255,7 +256,7 @@ def _is_inlier(
     return np.int64(near & (z > 0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def explained_kernel(
     points: Array, dt: Array, later: Array, tolerance: Array, camera: Array, velocity: Array
 ) -> NDArray[np.bool_]:
@@ -268,7 +269,7 @@ def explained_kernel(
     return explained
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def distinct_indices(uniform: Array, count: int) -> NDArray[np.int64]:
     """Make indices (M, size) below `count`, distinct within a row, of numbers in [0, 1)."""
     samples = np.empty(uniform.shape, np.int64)

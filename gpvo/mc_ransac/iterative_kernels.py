@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from factors.kernels.se3 import (
     LEFT,
     exp_kernel,
     jacobian_coefficients_kernel,
-    kernel,
     product_kernel,
     se3_polynomial_kernel,
 )

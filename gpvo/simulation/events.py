@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from factors.kernels.compiled import kernel
 from gpvo.recordings import Events
 from gpvo.simulation.config import SimulationConfig
 from gpvo.simulation.motion import Motion
@@ -103,7 +103,7 @@ def _in_order(width: int, pixel: NDArray[np.int64], t: Array, on: NDArray[np.boo
     return Events(x.astype(np.uint16), y.astype(np.uint16), seconds, on[order])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cross(
     before: NDArray[np.float32],
     now: NDArray[np.float32],

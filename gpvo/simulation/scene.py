@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.simulation.textures import LEVELS, TEXELS, random_textures
 
 Array = NDArray[np.float64]
@@ -107,7 +107,7 @@ def pixel_grid(columns: Array, rows: Array) -> Array:
     return np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _look(
     rays: Array,
     pixel_angle: float,
@@ -163,7 +163,7 @@ def _look(
         )
 
 
-@njit(cache=True)
+@kernel
 def _texture_value(
     textures: NDArray[np.float32], index: int, column: float, row: float, pixel: float
 ) -> float:
@@ -179,7 +179,7 @@ def _texture_value(
     )
 
 
-@njit(cache=True)
+@kernel
 def _bilinear(
     textures: NDArray[np.float32], index: int, level: int, column: float, row: float
 ) -> float:

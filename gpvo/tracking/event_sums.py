@@ -7,6 +7,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import KERNEL, kernel
+
 Array = NDArray[np.float64]
 Flow = NDArray[np.float32]
 """(rows, columns, 2) image motion in the middles of cells, pixels per second."""
@@ -20,7 +22,7 @@ FINE = 4
 """Side of the cells whose events are moved alike, pixels: interpolating for each takes too long."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def motion_at(flow: Flow, points: Array) -> Array:
     """Compute the image motion (N, 2) at points (N, 2), bilinear between the middles of cells."""
     motion = np.empty((len(points), 2))
@@ -29,7 +31,7 @@ def motion_at(flow: Flow, points: Array) -> Array:
     return motion
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _motion_at(flow: Flow, u: float, v: float) -> tuple[float, float]:
     rows, columns, _ = flow.shape
     x = min(max((u + 0.5) / CELL - 0.5, 0.0), columns - 1.0)
@@ -52,7 +54,7 @@ def fine_flow(flow: Flow) -> Flow:
     return np.asarray(cv2.resize(flow, size, interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@njit(**KERNEL, fastmath={"contract", "nsz"})
 def add_events(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
@@ -93,7 +95,7 @@ def add_events(
         _share(sums[row + np.uint64(1), column:], low * (one - right), low * right, delay)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@njit(**KERNEL, fastmath={"contract", "nsz"})
 def _share(pixels: Sums, left: float, right: float, delay: float) -> None:
     """Add the shares of an event to two pixels side by side."""
     pixels[0, 0] += left
@@ -102,7 +104,7 @@ def _share(pixels: Sums, left: float, right: float, delay: float) -> None:
     pixels[1, 1] += right * delay
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mean_delays(sums: Sums, points: Array, radius: float) -> Array:
     """Compute the mean delay (N,) of the events within a radius of points (N, 2); 0 if none."""
     height, width, _ = sums.shape
@@ -119,7 +121,7 @@ def mean_delays(sums: Sums, points: Array, radius: float) -> Array:
     return means
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(**KERNEL, fastmath={"reassoc", "contract", "nsz"})
 def _totals(pixels: Sums) -> tuple[float, float]:
     """Sum both columns of some pixels, in an order that suits vector registers."""
     events = delays = np.float32(0)

@@ -10,9 +10,9 @@ from math import ceil
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.array_table import ArrayTable
 from gpvo.config import FeatureConfig
 from gpvo.tracking.responses import LARGEST_BLOB, LARGEST_CORNER, blob_and_corner
@@ -96,7 +96,7 @@ def strongest_spaced(
     return order[kept]
 
 
-@njit(cache=True)
+@kernel
 def _greedy_spacing(
     points: NDArray[np.int32], taken: int, spacing: int, count: int
 ) -> NDArray[np.int64]:
@@ -137,7 +137,7 @@ def block_maxima(
     return _first_of_blocks(peaks, inner.shape, radius) + np.int32(margin)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _first_of_blocks(
     peaks: NDArray[np.int64], shape: tuple[int, int], radius: int
 ) -> NDArray[np.int32]:

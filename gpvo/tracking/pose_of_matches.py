@@ -6,10 +6,10 @@ Three right matches determine it (RANSAC); those that agree with it refine it.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from factors import StereoCamera
+from factors.kernels.compiled import kernel
 from factors.lie import se3_exp, skew
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ def _agree(camera: StereoCamera, T: Array, points: Array, measured: Array) -> ND
     return _agree_kernel(T, points, measured, camera.parameters)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _agree_kernel(
     T_start_cam: Array, points: Array, measured: Array, camera: Array
 ) -> NDArray[np.bool_]:

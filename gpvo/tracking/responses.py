@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from factors.kernels.compiled import kernel
 
 Response = NDArray[np.int16]
 Row = NDArray[np.uint8]
@@ -26,7 +27,7 @@ LARGEST_BLOB, LARGEST_CORNER = (
 """Largest responses that there can be."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def blob_and_corner(image: NDArray[np.uint8]) -> tuple[Response, Response]:
     """Correlate an 8-bit image (height, width) with both masks; 0 at two pixels of the border.
 
@@ -43,7 +44,7 @@ def blob_and_corner(image: NDArray[np.uint8]) -> tuple[Response, Response]:
     return blob, corner
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sum_columns(
     a: Row, b: Row, c: Row, d: Row, e: Row, narrow: Line, wide: Line, slope: Line
 ) -> None:
@@ -54,7 +55,7 @@ def _sum_columns(
         slope[u] = np.int16(a[u]) + np.int16(b[u]) - np.int16(d[u]) - np.int16(e[u])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sum_rows(middle: Row, narrow: Line, wide: Line, slope: Line, blob: Line, corner: Line) -> None:
     for u in range(2, len(wide) - 2):
         square = narrow[u - 1] + narrow[u] + narrow[u + 1]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from factors import StereoCamera
+from factors.kernels.compiled import kernel
 from factors.lie import se3_inverse
 from gpvo.array_table import ArrayTable
 
@@ -80,7 +80,7 @@ def points_in_start(camera: StereoCamera, sights: Sights) -> Array:
     return np.asarray(_points_kernel(camera.parameters, np.eye(4), *columns))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _predict_kernel(
     camera: Array, T_cam_start: Array, point: Array, disparity: Array, T_start_then: Array
 ) -> Array:
@@ -96,7 +96,7 @@ def _predict_kernel(
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _warp_kernel(
     camera: Array, T_cam_start: Array, point: Array, disparity: Array, T_start_then: Array
 ) -> Array:
@@ -118,7 +118,7 @@ def _warp_kernel(
     return warps
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _points_kernel(
     camera: Array, T_frame_start: Array, point: Array, disparity: Array, T_start_then: Array
 ) -> Array:
@@ -133,13 +133,13 @@ def _points_kernel(
     return points
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _move(T: Array, point: Array, moved: Array) -> None:
     for row in range(3):
         moved[row] = T[row, 0] * point[0] + T[row, 1] * point[1] + T[row, 2] * point[2] + T[row, 3]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _product(A: Array, B: Array, row: int, column: int) -> float:
     """Return an element of the product of two rotations."""
     return A[row, 0] * B[0, column] + A[row, 1] * B[1, column] + A[row, 2] * B[2, column]

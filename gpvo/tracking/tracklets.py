@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.config import TrackletConfig
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.tracking.measurements import Measurements
@@ -175,7 +175,7 @@ def _run_starts(ordered: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.flatnonzero(np.append(True, np.diff(ordered) != 0)[: len(ordered)])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def feature_times(
     surface: NDArray[np.float64], points: NDArray[np.float64], radius: float
 ) -> NDArray[np.float64]:
@@ -193,7 +193,7 @@ def feature_times(
     return times
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mean_time(surface: NDArray[np.float64], u: float, v: float, radius: float) -> float:
     height, width = surface.shape
     total, count = 0.0, 0
@@ -208,7 +208,7 @@ def _mean_time(surface: NDArray[np.float64], u: float, v: float, radius: float) 
     return total / count if count else np.nan
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _nearest_time(surface: NDArray[np.float64], u: float, v: float) -> float:
     """Return the time of the event nearest to (u, v), searched in growing squares."""
     height, width = surface.shape

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.recordings.base import Events, StereoEvents
 from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.recordings.calibration.unknown import LARGEST
@@ -118,7 +118,7 @@ def _pixels(rig: StereoRig, side: int) -> _Pixels:
     return _Pixels(band.astype(np.uint8), weight.astype(np.float32))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add_weights(
     counts: NDArray[np.float32],
     band: NDArray[np.uint8],

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.recordings.streams import EventBlock, Faults
 
 DISORDER_NS = 10_000_000
@@ -72,7 +72,7 @@ def _ordered(block: EventBlock, before: int, faults: Faults) -> EventBlock:
     return kept[np.argsort(kept.t_ns, kind="stable")]
 
 
-@njit(cache=True)
+@kernel
 def longest_nondecreasing(t_ns, before):  # type: ignore[no-untyped-def]
     """Return indices (M,) int64 of a longest non-decreasing subsequence of values >= before."""
     count = len(t_ns)

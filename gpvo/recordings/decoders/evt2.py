@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.recordings.decoders.evt3 import LARGEST_VECTOR, decoded
 from gpvo.recordings.streams import EventBlock
 
@@ -62,7 +62,7 @@ def _clock_steps(words: NDArray[np.uint64]) -> int:
     return int(np.count_nonzero((steps > 0) & (steps << 6 < 1_000_000)))
 
 
-@njit(cache=True)
+@kernel
 def _evt2(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-def]
     count, room = 0, len(x) - LARGEST_VECTOR
     high = state[0]
@@ -81,7 +81,7 @@ def _evt2(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-
     return used, count
 
 
-@njit(cache=True)
+@kernel
 def _evt21(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-def]
     count, room = 0, len(x) - LARGEST_VECTOR
     high = state[0]

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.recordings.streams import EventBlock
 
 WRAP_US = 1 << 24
@@ -77,7 +77,7 @@ def decoded(
             yield EventBlock(x[:count], y[:count], t_ns, polarity[:count])
 
 
-@njit(cache=True)
+@kernel
 def _evt3(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-def]
     row, base, base_polarity = state[Y], state[BASE], state[BASE_POLARITY]
     count, room = 0, len(x) - LARGEST_VECTOR
@@ -119,7 +119,7 @@ def _evt3(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-
     return used, count
 
 
-@njit(cache=True)
+@kernel
 def _evt3_times(words, state, last_us):  # type: ignore[no-untyped-def]
     """Update the time in `state` and return the time of the last event in microseconds."""
     now = np.int64(-1)
@@ -142,7 +142,7 @@ def _evt3_times(words, state, last_us):  # type: ignore[no-untyped-def]
     return last_us
 
 
-@njit(cache=True)
+@kernel
 def _time_high(high, state):  # type: ignore[no-untyped-def]
     """Update the state by a TIME_HIGH; undo a jump that the next one does not confirm."""
     if state[HIGH] < 0:
@@ -159,13 +159,13 @@ def _time_high(high, state):  # type: ignore[no-untyped-def]
         _advance(state[TRUSTED_HIGH], state[TRUSTED_WRAPS], high, state)
 
 
-@njit(cache=True)
+@kernel
 def _follows(previous, high):  # type: ignore[no-untyped-def]
     step = (high - previous) & 0xFFF
     return step <= LARGEST_STEP or step >= 4096 - LARGEST_JITTER
 
 
-@njit(cache=True)
+@kernel
 def _advance(previous, wraps, high, state):  # type: ignore[no-untyped-def]
     """Count a wrap if the counter starts again, and undo the wrap if the counter only jitters."""
     jitters = (high - previous) & 0xFFF >= 4096 - LARGEST_JITTER

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.recordings.decoders.evt3 import decoded
 from gpvo.recordings.streams import EventBlock
 
@@ -46,7 +46,7 @@ def mono(data: NDArray[np.uint8], time_base_ns: int) -> EventBlock:
     return EventBlock(x.astype(np.uint16), y.astype(np.uint16), t_ns, bits >> np.uint64(63) == 1)
 
 
-@njit(cache=True)
+@kernel
 def _libcaer_packed(words, used, state, x, y, t_us, polarity):  # type: ignore[no-untyped-def]
     column, base, base_polarity, high, low = state
     count, room = 0, len(x) - 12

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import KERNEL, kernel
 from gpvo.tracking.klt.lucas_kanade import BEYOND, refine, touches
 from gpvo.tracking.klt.patch_kernels import (
     FAST,
@@ -25,7 +26,7 @@ LEAST_GAIN, MOST_GAIN = 0.2, 5.0
 """Contrast of an image, relative to that of a patch, with which a search begins."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cut_patches_kernel(image: Level, centres: NDArray[np.int64], border: int, half: int) -> Patches:
     """Copy the patches (N, 2 half + 1, 2 half + 1) around pixels (N, 2).
 
@@ -43,7 +44,7 @@ def cut_patches_kernel(image: Level, centres: NDArray[np.int64], border: int, ha
     return patches
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def match_anchors_kernel(
     patches: Patches,
     places: Array,
@@ -89,7 +90,7 @@ def match_anchors_kernel(
             alike[i] = dot(patch, image_patch) / np.sqrt(contrast) if contrast > 0 else -1.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def warp_patches_kernel(
     patches: Patches, places: Array, warps: Array, side: int
 ) -> NDArray[np.float32]:
@@ -105,7 +106,7 @@ def warp_patches_kernel(
     return warped
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(**KERNEL, fastmath=FAST)
 def warp_kernel(
     patch: NDArray[np.uint8], place: Array, warp: Array, side: int, width: int, samples: Row
 ) -> None:
@@ -137,7 +138,7 @@ def warp_kernel(
             line[k] = upper + low[k] * (lower - upper)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(**KERNEL, fastmath=FAST)
 def remove(patch: Row, gain: float, gradient: Row) -> None:
     """Remove what a gradient has of a patch, and scale the rest by a gain."""
     share = np.float32(dot(gradient, patch) / max(dot(patch, patch), 1e-9))

@@ -6,9 +6,9 @@ The quad of section III-A.2 is previous left, current left, current right, previ
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.config.stages import KltConfig
 from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.anchor_kernels import match_anchors_kernel
@@ -68,7 +68,7 @@ def _quad(previous: Frame, frame: Frame) -> tuple[Pairs, Pairs, Pairs, Pairs]:
     return first, second, third, last
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _follow_kernel(
     quad: tuple[Pairs, Pairs, Pairs, Pairs],
     coarsest: tuple[int, int],
@@ -101,7 +101,7 @@ def _follow_kernel(
             marks[i] = KNOWN
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _around_quad(
     quad: tuple[Pairs, Pairs, Pairs, Pairs],
     coarsest: tuple[int, int],
@@ -134,13 +134,13 @@ def _around_quad(
     return found[0]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _subtract(a: Point, b: Point, difference: Point) -> None:
     """Set the difference of two points (2,)."""
     difference[0], difference[1] = a[0] - b[0], a[1] - b[1]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _distance(a: Point, b: Point) -> float:
     """Compute the distance of two points (2,)."""
     return np.hypot(a[0] - b[0], a[1] - b[1])

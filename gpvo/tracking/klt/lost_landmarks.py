@@ -6,10 +6,10 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from factors import StereoCamera
+from factors.kernels.compiled import kernel
 from gpvo.array_table import ArrayTable
 from gpvo.remembered import remembered
 from gpvo.tracking.klt.anchors import Anchors
@@ -95,7 +95,7 @@ def are_near(
     return np.asarray(_are_near_kernel(points.astype(np.float64), others, distance))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _are_near_kernel(
     points: Array, others: NDArray[np.float32], distance: float
 ) -> NDArray[np.bool_]:

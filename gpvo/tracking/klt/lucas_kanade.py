@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.patch_kernels import (
     Level,
@@ -108,7 +108,7 @@ def pairs_of_levels(source: Pyramid, target: Pyramid) -> Pairs:
     return tuple(zip(source.levels, target.levels, strict=True))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def match_levels(
     pairs: Pairs, coarsest: int, side: int, points: Points, ends: Points, found: Mask
 ) -> None:
@@ -124,7 +124,7 @@ def match_levels(
                 ends[i, k] /= scale
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _match_level(
     source: Level, target: Level, side: int, points: Points, ends: Points, found: Mask
 ) -> None:
@@ -147,7 +147,7 @@ def _match_level(
             found[i] = refine(target, side, across, down, still, window, corner, ends[i])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def touches(image: Level, side: int, u: float, v: float) -> bool:
     """Check that a patch with its first pixel at (u, v) is not beyond the image."""
     height, width = image.shape
@@ -155,14 +155,14 @@ def touches(image: Level, side: int, u: float, v: float) -> bool:
     return BEYOND <= u < width - last and BEYOND <= v < height - last
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _inside(start: float, size: int, side: int) -> tuple[int, int]:
     """Return the first and the end of a patch's rows or columns that lie within the image."""
     border = side + BEYOND
     return max(0, int(np.ceil(border - start))), max(0, min(side, int(size - border - start)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def refine(
     target: Level,
     side: int,

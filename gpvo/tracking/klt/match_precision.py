@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid, touches
 from gpvo.tracking.klt.patch_kernels import (
@@ -58,7 +58,7 @@ def match_deviations(left: Pyramid, right: Pyramid, points: Points, matches: Poi
     return np.clip(np.sqrt(relative), 1 / LARGEST, LARGEST)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def compare_patches_kernel(
     left: Level,
     right: Level,

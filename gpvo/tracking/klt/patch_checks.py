@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import KERNEL, kernel
 from gpvo.config.stages import KltConfig
 from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.patch_kernels import FAST, sample_patch
@@ -39,7 +40,7 @@ def limits_of(config: KltConfig) -> tuple[float, float, float, int]:
     return *limits, config.patch_size // 4
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def check_kernel(
     images: tuple[Image, Image],
     left: Points,
@@ -61,13 +62,13 @@ def check_kernel(
         )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _is_inside(image: Image, point: Point) -> bool:
     height, width = image.shape
     return 0 <= point[0] < width and 0 <= point[1] < height
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def patch_correlation(
     first: Image, point: Point, second: Image, other: Point, radius: int
 ) -> float:
@@ -87,7 +88,7 @@ def patch_correlation(
     return _dot(a, b) / contrast if contrast > 0 else 0.0
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(**KERNEL, fastmath=FAST)
 def _dot(a: Patch, b: Patch) -> float:
     total = 0.0
     for row in range(len(a)):
@@ -96,7 +97,7 @@ def _dot(a: Patch, b: Patch) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def row_gradient(image: Image, point: Point, radius: int) -> float:
     """Compute the root mean square of the gradient along the row in a patch.
 

@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import KERNEL, kernel
+
 Level = NDArray[np.float32]
 """Image of a pyramid's level, with a border around it."""
 Row = NDArray[np.float32]
@@ -19,7 +21,7 @@ FAST = {"reassoc", "contract", "nsz"}
 """Sums may be made in any order, but it is the same in every run."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def copy_patch(image: Level, u: float, v: float, rows: int, width: int, patch: Row) -> None:
     """Copy the pixels from (u, v), rounded down, on."""
     left, top, columns = np.uint64(u), np.uint64(v), np.uint64(width)  # no negative indices
@@ -28,7 +30,7 @@ def copy_patch(image: Level, u: float, v: float, rows: int, width: int, patch: R
             patch[row * columns + column] = image[top + row, left + column]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(**KERNEL, fastmath=FAST)
 def interpolate(window: Row, x: float, y: float, width: int, samples: Row) -> None:
     """Sample a window at (x, y) from its pixels, bilinearly."""
     n = len(window) - width - 2
@@ -40,13 +42,13 @@ def interpolate(window: Row, x: float, y: float, width: int, samples: Row) -> No
         samples[k] = a * window[k] + b * right[k] + c * below[k] + d * both[k]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def corner_weights(x: float, y: float) -> Corners:
     """Compute the weights of the four pixels around a place (x, y) from the first of them."""
     return (1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sample_patch(
     image: NDArray[Any], u: float, v: float, window: NDArray[Any], patch: NDArray[Any]
 ) -> None:
@@ -68,7 +70,7 @@ def sample_patch(
             samples[k] = a * upper[k] + b * upper[k + 1] + c * lower[k] + d * lower[k + 1]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(**KERNEL, fastmath=FAST)
 def differentiate(samples: Row, width: int, across: Row, down: Row) -> None:
     """Compute the gradients of a patch after Scharr; samples have a margin of a pixel."""
     edge, middle = np.float32(3 / 32), np.float32(10 / 32)
@@ -81,7 +83,7 @@ def differentiate(samples: Row, width: int, across: Row, down: Row) -> None:
         down[k] = edge * (sw[k] - nw[k] + se[k] - ne[k]) + middle * (s[k] - n[k])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def clear_outside(
     columns: tuple[int, int], rows: tuple[int, int], width: int, across: Row, down: Row
 ) -> None:
@@ -95,7 +97,7 @@ def clear_outside(
             across[k] = down[k] = 0
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(**KERNEL, fastmath=FAST)
 def centre(values: Row, side: int, width: int, centred: Row) -> None:
     """Subtract the mean of a patch from its pixels, and clear what lies between its rows."""
     total = np.float32(0)
@@ -110,7 +112,7 @@ def centre(values: Row, side: int, width: int, centred: Row) -> None:
         centred[end : end + width - side] = 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sample_centred(
     image: Level, u: float, v: float, side: int, width: int, window: Row, seen: Row, centred: Row
 ) -> None:
@@ -120,7 +122,7 @@ def sample_centred(
     centre(seen, side, width, centred)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(**KERNEL, fastmath=FAST)
 def dot(a: Row, b: Row) -> float:
     total = np.float32(0)
     for k in range(len(b)):
@@ -128,7 +130,7 @@ def dot(a: Row, b: Row) -> float:
     return float(total)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(**KERNEL, fastmath=FAST)
 def corner_sums(window: Row, gradient: Row, width: int) -> Corners:
     """Sum the products of a gradient with the window, a pixel to the right, below, and both."""
     right, below, both = window[1:], window[width:], window[width + 1 :]
@@ -141,7 +143,7 @@ def corner_sums(window: Row, gradient: Row, width: int) -> Corners:
     return float(a), float(b), float(c), float(d)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def weighted_sum(weights: Corners, values: Corners) -> float:
     return (
         weights[0] * values[0]

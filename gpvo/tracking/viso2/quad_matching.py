@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.config import Viso2Config
 from gpvo.tracking.features import Features
 from gpvo.tracking.viso2.delaunay_support import are_supported
@@ -68,7 +68,7 @@ def index_features(features: Features, height: int) -> IndexedFeatures:
     return IndexedFeatures(ordered, np.searchsorted(key, np.arange(4 * height + 1)))
 
 
-@njit(cache=True)
+@kernel
 def _search(
     query_points: NDArray[np.int32],
     query_kind: NDArray[np.int32],
@@ -101,7 +101,7 @@ def _search(
     return best
 
 
-@njit(cache=True)
+@kernel
 def _absolute_difference(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> np.int64:
     total = np.int64(0)
     for i in range(len(a)):

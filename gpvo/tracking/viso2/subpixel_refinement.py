@@ -9,8 +9,9 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from factors.kernels.compiled import kernel
 
 # (dx, dy, index of the gradient): a diamond of horizontal gradients and a cross of vertical ones.
 PATCH = np.array(
@@ -56,7 +57,7 @@ def refine(
     return _parabola_minimum(costs, points) if how == "subpixel" else _least(costs, points)
 
 
-@njit(cache=True)
+@kernel
 def _fill_costs(
     costs: NDArray[np.float64],
     gradient: NDArray[np.uint8],

@@ -1,0 +1,26 @@
+"""How kernels are compiled by numba, here and in packages that are built on this one.
+
+Compilation delays the first run. Wrappers that nobody calls are therefore left out, divisions by
+zero give infinity as in numpy, and nothing is compiled to raise errors.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import njit
+
+KERNEL: dict[str, Any] = {
+    "cache": True,
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+    "nogil": True,
+}
+kernel = njit(**KERNEL)
+
+INNER: dict[str, Any] = {**KERNEL, "no_cpython_wrapper": True}
+"""Of those that are called by kernels only."""
+inner_kernel = njit(**INNER, forceinline=True)
+# One that makes no array, and calls none that does, need not count who holds the arrays it is
+# given; that takes longer than what most of these compute.
+bare_kernel = njit(**INNER, forceinline=True, _nrt=False)
