@@ -18,8 +18,8 @@ import numpy as np
 from gpvo import Configuration, LiveOdometry, Odometry, Trajectory
 from gpvo.live.session import LiveSession
 from gpvo.live.sources import RecordingPlayer
-from gpvo.live.warm_up import warm_up
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
+from gpvo.warm_up import warm_up
 
 
 @dataclass(frozen=True)

@@ -38,11 +38,11 @@ from gpvo.live.load import LEVELS
 from gpvo.live.recorder import Recorder
 from gpvo.live.session import LiveSession
 from gpvo.live.sources import SOURCES, RecordingPlayer, Source, is_camera, open_cameras
-from gpvo.live.warm_up import warm_up
 from gpvo.lost_stage import lost_stage
 from gpvo.observer import observers
 from gpvo.recordings import StereoRig, open_recording, read_calibration
 from gpvo.recordings.right_offset import offset_of, offset_seconds
+from gpvo.warm_up import warm_up
 
 
 def live(

@@ -70,6 +70,7 @@ from gpvo.recordings.right_offset import with_right_offset
 from gpvo.simulation import SimulationConfig, simulate
 from gpvo.trajectory import StampedPoses, Trajectory
 from gpvo.verdict import Verdict, verdict
+from gpvo.warm_up import CompileBeside
 
 COMPILING = "compiling for this machine, which the first run does once and takes a minute or two"
 NO_WATCH = Watch()
@@ -217,9 +218,11 @@ def run_and_write(
     OutputError
         If the results cannot be written.
     """
-    meter = CostMeter(compilation=CompilationTimer(lambda: console.print(COMPILING)))
+    beside = CompileBeside()
+    meter = CostMeter(compilation=CompilationTimer(lambda: _say_compiling(console, beside)))
     stop = min(start + duration, recording.duration)
     with (
+        beside,
         meter.compilation,
         end_at_ctrl_c(saved=lambda: saved(folder)) as interruption,
         writing(folder),
@@ -241,6 +244,11 @@ def run_and_write(
     if interruption.happened:
         raise typer.Exit(interruption.status)
     return judged
+
+
+def _say_compiling(console: Console, beside: CompileBeside) -> None:
+    console.print(COMPILING)
+    beside.start()
 
 
 @contextmanager

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from gpvo.config import Configuration
-from gpvo.live.live_odometry import LiveOdometry
+from gpvo.evaluation.report.compilation import CompilationTimer
+from gpvo.live import LiveOdometry
 from gpvo.live.session import raw
 from gpvo.live.sources import RecordingPlayer
 from gpvo.simulation import SimulationConfig, simulate
+from gpvo.warm_up.beside import CompileBeside
 
 SIMULATED = SimulationConfig(duration=1.0, resolution=(120, 90), focal_length=80.0, noise_rate=2.0)
 
 
 def warm_up(configuration: Configuration) -> None:
     """Estimate a short simulated motion, and forget it."""
+    with CompileBeside() as beside, CompilationTimer(beside.start):
+        _estimate(configuration)
+
+
+def _estimate(configuration: Configuration) -> None:
     recording = simulate(SIMULATED)
     live = LiveOdometry(recording.rig, configuration)
     for packet in RecordingPlayer(recording, speed=1e3).packets():
