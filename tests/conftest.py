@@ -1,6 +1,8 @@
 """What all tests share, and the order of their files."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -25,12 +27,20 @@ FIRST = (
     "benchmarks/test_faults.py",
     "recordings/test_damage.py",
 )
-"""Files that take long, so that none is left at the end. Where nothing is compiled yet, the first
-one compiles nearly all, and another process runs what needs little of it."""
+"""Files that take long, so that none is left at the end."""
+COMPILE = "from gpvo import Configuration; from gpvo.warm_up import warm_up"
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.option.loadscopereorder = False  # xdist would begin with files of many tests
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile before xdist's processes begin, in two: each of them would compile nearly all."""
+    if getattr(session.config.option, "numprocesses", None):
+        command = [sys.executable, "-c", f"{COMPILE}; warm_up(Configuration())"]
+        subprocess.run(command, check=True)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,0 +1,69 @@
+"""A second process compiles the whole estimator, once, and never outlives the one that needs it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from gpvo.warm_up import CompileBeside, beside
+
+NOT_COMPILED = """
+import gc
+from numba.core.registry import CPUDispatcher
+from gpvo import Configuration
+from gpvo.warm_up import warm_up
+from gpvo.warm_up.known_points import estimate_from_points
+
+def compiled():
+    dispatchers = (each for each in gc.get_objects() if isinstance(each, CPUDispatcher))
+    functions = ((each.py_func.__module__, each.py_func.__name__, each) for each in dispatchers)
+    return {
+        (module, name, str(signature))
+        for module, name, each in functions
+        if module.startswith(("factors.structureless", "factors.linear_states", "gpvo.estimator"))
+        for signature in each.signatures
+    }
+
+estimate_from_points(Configuration())
+before = compiled()
+warm_up(Configuration())
+print(len(before) > 20, sorted(compiled() - before))
+"""
+
+
+def test_what_the_estimator_needs_is_compiled() -> None:
+    """A run from events needs no kernel of the estimator that known points do not need."""
+    command = [sys.executable, "-c", NOT_COMPILED]
+    ran = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
+    assert ran.stdout == "True []\n"
+    assert beside._is_compiled()
+
+
+def test_nothing_is_begun_where_it_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beside, "_is_compiled", lambda: True)
+    with CompileBeside() as process:
+        process.start()
+        assert process._process is None
+
+
+def test_it_ends_with_its_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beside, "_is_compiled", lambda: False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    with CompileBeside() as process:
+        process.start()
+        begun = process._process
+        process.start()
+        assert process._process is begun is not None
+        assert begun.poll() is None
+    assert begun.returncode is not None
+
+
+def test_one_processor_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beside, "_is_compiled", lambda: False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+    with CompileBeside() as process:
+        process.start()
+        assert process._process is None
