@@ -10,11 +10,7 @@ import numpy as np
 from factors.checks import checked_array, checked_key, checked_poses
 from factors.factor import Factor
 from factors.kernels.compiled import kernel
-from factors.kernels.se3 import (
-    Array,
-    log_kernel,
-    relative_kernel,
-)
+from factors.kernels.se3 import Array, copy_vector_kernel, log_kernel, relative_kernel
 from factors.variables import POSE3, TWIST, Variable
 
 
@@ -67,6 +63,7 @@ def steps_kernel(T: Array, v: Array, T_now: Array, v_now: Array) -> Array:
     """(12 m,) steps from states (m, 4, 4), (m, 6) to where they are now, poses on the right."""
     steps = np.empty((len(T), 12))
     for k in range(len(T)):
-        steps[k, :6] = log_kernel(relative_kernel(T[k], T_now[k]))
-        steps[k, 6:] = v_now[k] - v[k]
+        copy_vector_kernel(log_kernel(relative_kernel(T[k], T_now[k])), steps[k])
+        for i in range(6):
+            steps[k, 6 + i] = v_now[k, i] - v[k, i]
     return steps.ravel()

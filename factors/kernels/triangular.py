@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from factors.kernels.compiled import bare_kernel, kernel
-from factors.kernels.se3 import Array
+from factors.kernels.se3 import Array, copy_vector_kernel
 
 
 @bare_kernel
@@ -39,7 +39,7 @@ def upper_root_kernel(H: Array, count: int) -> Array:
     R = np.zeros((count, len(H)))
     for i in range(count):
         line, k = R[i, i:], 0
-        line[:] = H[i, i:]
+        copy_vector_kernel(H[i, i:], line)
         while k + 4 <= i:
             # Of slices it is known that all indices are within them: these loops are vectorised.
             a, b, c, d = R[k, i:], R[k + 1, i:], R[k + 2, i:], R[k + 3, i:]

@@ -17,10 +17,7 @@ from factors.kernels.local_variables import (
     write_hermite_weights,
     write_interpolated_local,
 )
-from factors.kernels.se3 import (
-    Array,
-    compose_exp_kernel,
-)
+from factors.kernels.se3 import Array, compose_exp_kernel, copy_vector_kernel
 from factors.structureless.robust_losses import loss_kernel
 
 Index = NDArray[np.int64]
@@ -42,7 +39,8 @@ def poses_between_kernel(
     """
     local_j, share, local = np.empty((len(T_states) - 1, 12)), np.empty((2, 2, 2)), np.empty(12)
     for i in range(len(local_j)):
-        local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+        next_local = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+        copy_vector_kernel(next_local, local_j[i])
     T = np.zeros((len(a), 4, 4))
     for n in range(len(a)):
         i = first[n]

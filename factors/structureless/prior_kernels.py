@@ -8,6 +8,7 @@ from factors.kernels.compiled import bare_kernel, kernel
 from factors.kernels.se3 import (
     RIGHT,
     Array,
+    copy_vector_kernel,
     inverse_coefficients_kernel,
     log_kernel,
     relative_kernel,
@@ -26,8 +27,9 @@ def moved_rows_kernel(
     Those of the pose are multiplied by the inverse of Jr(step), and A dx is added to the error.
     """
     state, dx = rows.shape[2] - 13, np.empty(12)
-    dx[:6] = log_kernel(relative_kernel(T_prior, T))
-    dx[6:] = v - v_prior
+    copy_vector_kernel(log_kernel(relative_kernel(T_prior, T)), dx)
+    for i in range(6):
+        dx[6 + i] = v[i] - v_prior[i]
     inverse = se3_polynomial_kernel(dx, inverse_coefficients_kernel(dx, RIGHT))
     for p in range(len(rows)):
         for r in range(3):
@@ -123,8 +125,10 @@ def known_from_kernel(
     """
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
     noise, inverse = np.empty((3, 3)), np.empty((3, 3))
-    zero, eye = np.zeros((len(seen), 3)), np.empty((len(seen), 3, 3))
-    eye[:] = np.eye(3)
+    zero, eye = np.zeros((len(seen), 3)), np.zeros((len(seen), 3, 3))
+    for p in range(len(seen)):
+        for i in range(3):
+            eye[p, i, i] = 1.0
     known, width = (zero, eye, zero, np.array([1.0, 1.0, 0.0, 0.0, 1.0])), rows.shape[2]
     landmarks = charts, coordinates
     for n in range(len(of)):

@@ -17,7 +17,7 @@ from factors.kernels.local_variables import (
     write_hermite_weights,
     write_interpolated_local,
 )
-from factors.kernels.se3 import Array
+from factors.kernels.se3 import Array, copy_kernel, copy_vector_kernel
 from factors.structureless.landmark_kernels import (
     Index,
     landmark_rows_kernel,
@@ -50,8 +50,9 @@ def measurement_rows_kernel(
     """
     local_j, by_states_j = np.empty((len(T_states) - 1, 12)), np.empty((len(T_states) - 1, 12, 24))
     for i in range(len(local_j)):
-        local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
-        by_states_j[i] = local_jacobian_kernel(local_j[i], v_states[i + 1])
+        next_local = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+        copy_vector_kernel(next_local, local_j[i])
+        copy_kernel(local_jacobian_kernel(local_j[i], v_states[i + 1]), by_states_j[i])
     result, by_landmark = np.empty((len(order), 3, 31)), np.empty((len(order), 3, 3))
     h, by_h, rows, chained = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.empty((3, 30))
     landmarks, sensor, work = (charts, coordinates), (camera, whitening), (h, by_h, rows)
@@ -198,7 +199,8 @@ def states_between_kernel(
     """
     local_j, share, local = np.empty((len(T_states) - 1, 12)), np.empty((2, 2, 2)), np.empty(12)
     for i in range(len(local_j)):
-        local_j[i] = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+        next_local = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+        copy_vector_kernel(next_local, local_j[i])
     for n in range(len(a)):
         i = first[n]
         write_hermite_weights(a[n], b[n], share)
@@ -227,7 +229,7 @@ def state_rows_kernel(
         share = hermite_weights(a[n], b[n])
         local = interpolated_local_kernel(v_i, local_j, share) + deviation[n]
         retract_kernel(T_i, local, T[n], v[n])
-        by_local[n] = state_by_local_kernel(local)
-        by_pose_i[n] = backward_adjoint_kernel(local)
-        by_states[n] = interpolated_jacobian_kernel(by_states_j, share)
+        copy_kernel(state_by_local_kernel(local), by_local[n])
+        copy_kernel(backward_adjoint_kernel(local), by_pose_i[n])
+        copy_kernel(interpolated_jacobian_kernel(by_states_j, share), by_states[n])
     return T, v, by_local, by_pose_i, by_states

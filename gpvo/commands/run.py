@@ -72,7 +72,7 @@ from gpvo.trajectory import StampedPoses, Trajectory
 from gpvo.verdict import Verdict, verdict
 from gpvo.warm_up import CompileBeside
 
-COMPILING = "compiling for this machine, which the first run does once and takes a minute or two"
+COMPILING = "compiling for this machine, which the first run does once, for about a minute"
 NO_WATCH = Watch()
 DEAD_RECKONING = 3
 """Exit status for a failed run: mostly dead reckoning, or wrong for a fault of the events."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from factors.kernels.compiled import kernel
 from factors.kernels.local_variables import hermite_weights, local_state_kernel, retract_kernel
+from factors.kernels.se3 import copy_kernel, copy_vector_kernel
 from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
@@ -41,4 +42,5 @@ def _correct_kernel(t: Array, T: Array, twist: Array, T_end: Array, twist_end: A
                 local[6 * i + n] += weights[1, i, 0] * correction[n]
                 local[6 * i + n] += weights[1, i, 1] * correction[6 + n]
         retract_kernel(T_start, local, T[k], twist[k])
-    T[last], twist[last] = T_end, twist_end
+    copy_kernel(T_end, T[last])
+    copy_vector_kernel(twist_end, twist[last])

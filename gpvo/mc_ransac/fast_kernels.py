@@ -118,7 +118,10 @@ def _columns(points: Array, dt: Array, later: Array, tolerance: Array) -> Array:
     Each quantity is contiguous, so that a block of segments fills vector registers.
     """
     columns = np.empty((8, len(points)))
-    columns[:3], columns[3:6], columns[6], columns[7] = points.T, later.T, dt, tolerance**2
+    for i in range(len(points)):
+        for k in range(3):
+            columns[k, i], columns[3 + k, i] = points[i, k], later[i, k]
+        columns[6, i], columns[7, i] = dt[i], tolerance[i] ** 2
     return columns
 
 

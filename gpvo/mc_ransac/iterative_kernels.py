@@ -38,10 +38,10 @@ def fit_kernel(
     velocity, normal = velocity.copy(), np.zeros((6, 6))
     for _ in range(iterations):
         normal, right = normal_equations(points, dt, later, velocity, information, camera)
-        step, largest = _solve(normal, right), 0.0
+        step, largest = _solve(normal, right.reshape(6, 1)), 0.0
         for k in range(6):
-            velocity[k] -= step[k]
-            largest = max(largest, abs(step[k]))
+            velocity[k] -= step[k, 0]
+            largest = max(largest, abs(step[k, 0]))
         if not largest >= tolerance:
             break
     return velocity, normal
@@ -49,16 +49,16 @@ def fit_kernel(
 
 @kernel
 def _solve(normal: Array, right: Array) -> Array:
-    """Solve normal x = right by Cholesky, (6,); NaN if `normal` is not positive definite."""
-    root, x = normal.copy(), np.empty((6, 1))
+    """Solve normal X = right (6, m) by Cholesky; NaN if `normal` is not positive definite."""
+    root, x = normal.copy(), right.copy()
     factorize_kernel(root)
-    x[:, 0] = right
     solve_lower_kernel(root, x)
     for i in range(5, -1, -1):
-        for k in range(i + 1, 6):
-            x[i, 0] -= root[k, i] * x[k, 0]
-        x[i, 0] /= root[i, i]
-    return x[:, 0]
+        for j in range(x.shape[1]):
+            for k in range(i + 1, 6):
+                x[i, j] -= root[k, i] * x[k, j]
+            x[i, j] /= root[i, i]
+    return x
 
 
 @kernel
@@ -85,13 +85,8 @@ def covariance_kernel(
         noise = product_kernel(earlier, weighted)
         spread += product_kernel(noise.T.copy(), noise)
         normal += product_kernel(by_velocity.T.copy(), weighted)
-    half, covariance = np.empty((6, 6)), np.empty((6, 6))
-    spread += normal
-    for j in range(6):
-        half[j] = _solve(normal, spread[:, j])
-    for j in range(6):
-        covariance[j] = _solve(normal, half[:, j])
-    return covariance
+    half = _solve(normal, spread + normal).T.copy()
+    return _solve(normal, half).T.copy()
 
 
 @kernel
@@ -124,7 +119,8 @@ def normal_equations(
         weighted = product_kernel(information, by_velocity)
         _add_products(weighted, by_velocity, error, normal, right)
     for j in range(6):
-        normal[:j, j] = normal[j, :j]
+        for k in range(j):
+            normal[k, j] = normal[j, k]
     return normal, right
 
 
@@ -159,8 +155,8 @@ def _by_earlier(
     The point was at (x, y, z) in the camera frame dt seconds after the earlier measurement.
     """
     by_moved, by_measurement = np.zeros((3, 3)), np.zeros((3, 3))
-    by_moved[0] = camera[0] / z, 0.0, -camera[0] * x / (z * z)
-    by_moved[1] = 0.0, camera[1] / z, -camera[1] * y / (z * z)
+    by_moved[0, 0], by_moved[0, 2] = camera[0] / z, -camera[0] * x / (z * z)
+    by_moved[1, 1], by_moved[1, 2] = camera[1] / z, -camera[1] * y / (z * z)
     by_moved[2, 2] = -camera[0] * camera[4] / (z * z)
     depth, disparity = point[2], camera[0] * camera[4] / point[2]
     by_measurement[0, 0], by_measurement[1, 1] = depth / camera[0], depth / camera[1]
@@ -175,6 +171,8 @@ def _by_twist(
     by_twist: Array, x: float, y: float, z: float, u: float, v: float, disparity: float
 ) -> None:
     """Write the Jacobian of the prediction at Exp(twist) p with respect to the twist, (3, 6)."""
-    by_twist[0] = (-u * x * y / z, u * (z + x * x / z), -u * y, u, 0.0, -u * x / z)
-    by_twist[1] = (-v * (z + y * y / z), v * x * y / z, v * x, 0.0, v, -v * y / z)
-    by_twist[2] = (-disparity * y / z, disparity * x / z, 0.0, 0.0, 0.0, -disparity / z)
+    by_u = -u * x * y / z, u * (z + x * x / z), -u * y, u, 0.0, -u * x / z
+    by_v = -v * (z + y * y / z), v * x * y / z, v * x, 0.0, v, -v * y / z
+    by_disparity = -disparity * y / z, disparity * x / z, 0.0, 0.0, 0.0, -disparity / z
+    for k in range(6):
+        by_twist[0, k], by_twist[1, k], by_twist[2, k] = by_u[k], by_v[k], by_disparity[k]

@@ -27,7 +27,7 @@ def motion_at(flow: Flow, points: Array) -> Array:
     """Compute the image motion (N, 2) at points (N, 2), bilinear between the middles of cells."""
     motion = np.empty((len(points), 2))
     for i in range(len(points)):
-        motion[i] = _motion_at(flow, points[i, 0], points[i, 1])
+        motion[i, 0], motion[i, 1] = _motion_at(flow, points[i, 0], points[i, 1])
     return motion
 
 

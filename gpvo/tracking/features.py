@@ -154,7 +154,7 @@ def _first_of_blocks(
         inside = 0 <= v < rows * side and 0 <= u < columns * side
         if inside and not full[block]:
             full[block] = True
-            found[count] = u + radius, v + radius
+            found[count, 0], found[count, 1] = u + radius, v + radius
             count += 1
     return found[:count].copy()
 

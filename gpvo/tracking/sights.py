@@ -114,7 +114,7 @@ def _warp_kernel(
                 warps[i, row, k] = change * camera[row] / camera[k]
         area = warps[i, 0, 0] * warps[i, 1, 1] - warps[i, 0, 1] * warps[i, 1, 0]
         if not (LARGEST**-2 < area < LARGEST**2 and now[i, 2] > 0):
-            warps[i] = np.eye(2)
+            warps[i, 0, 0], warps[i, 0, 1], warps[i, 1, 0], warps[i, 1, 1] = 1.0, 0.0, 0.0, 1.0
     return warps
 
 
