@@ -19,7 +19,7 @@ from gpvo import Configuration, LiveOdometry, Odometry, Trajectory
 from gpvo.live.session import LiveSession
 from gpvo.live.sources import RecordingPlayer
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
-from gpvo.warm_up import warm_up
+from gpvo.warm_up.whole import warm_up
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ FIRST = (
     "recordings/test_damage.py",
 )
 """Files that take long, so that none is left at the end."""
-COMPILE = "from gpvo import Configuration; from gpvo.warm_up import warm_up"
+COMPILE = "from gpvo import Configuration; from gpvo.warm_up.whole import warm_up"
 
 
 def pytest_configure(config: pytest.Config) -> None:

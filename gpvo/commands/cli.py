@@ -47,7 +47,7 @@ COMMANDS = {
         "Show path, uncertainty, velocities, landmarks and ground truth of a finished run.",
     ),
     "demo": Command(
-        "run",
+        "demo",
         "demo",
         "Simulate a few seconds of stereo events and estimate the motion.",
     ),

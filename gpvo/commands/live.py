@@ -27,7 +27,7 @@ from gpvo.commands.interruption import end_at_ctrl_c
 from gpvo.commands.live_trajectory import live_file
 from gpvo.commands.progress import live_progress
 from gpvo.commands.result import FILES
-from gpvo.commands.run import DEAD_RECKONING, write_results
+from gpvo.commands.run_and_write import DEAD_RECKONING, write_results
 from gpvo.commands.seen import Seen
 from gpvo.commands.watch import Save, Video, View, Watch
 from gpvo.errors import InputError
@@ -42,7 +42,7 @@ from gpvo.lost_stage import lost_stage
 from gpvo.observer import observers
 from gpvo.recordings import StereoRig, open_recording, read_calibration
 from gpvo.recordings.right_offset import offset_of, offset_seconds
-from gpvo.warm_up import warm_up
+from gpvo.warm_up.whole import warm_up
 
 
 def live(

@@ -8,13 +8,14 @@ import sys
 
 import pytest
 
-from gpvo.warm_up import CompileBeside, beside
+from gpvo.warm_up import beside
+from gpvo.warm_up.beside import CompileBeside
 
 NOT_COMPILED = """
 import gc
 from numba.core.registry import CPUDispatcher
 from gpvo import Configuration
-from gpvo.warm_up import warm_up
+from gpvo.warm_up.whole import warm_up
 from gpvo.warm_up.known_points import estimate_from_points
 
 def compiled():
