@@ -37,7 +37,7 @@ def run(
 
     Batch has fewer landmarks, and states at key times: it takes seconds then instead of minutes.
     """
-    simulation = TrackletSimulation(NOISE, per_cluster=20 if method == "fixed_lag" else 8)
+    simulation = TrackletSimulation(NOISE, per_cluster=12 if method == "fixed_lag" else 8)
     rng = np.random.default_rng(seed)
     motion = simulation.motion(duration, rng)
     keys = {"state_interval": 0.05} if method == "batch" else {}
@@ -52,9 +52,9 @@ def run(
     return trajectory, motion, smoother
 
 
-@pytest.mark.parametrize(("method", "start"), [("fixed_lag", 1.0), ("batch", 0.4)])
-def test_a_velocity_that_is_not_measured_is_forgotten(method: str, start: float) -> None:
-    stop = start + 3.0
+@pytest.mark.parametrize("method", ["fixed_lag", "batch"])
+def test_a_velocity_that_is_not_measured_is_forgotten(method: str) -> None:
+    start, stop = 0.4, 3.4
     trajectory, _, _ = run(1, (start, stop), stop, method=method)
     speed = np.linalg.norm(trajectory.velocity([start, stop - 1e-6]), axis=1)
     way = np.linalg.norm(trajectory.pose([start, stop - 1e-6])[:, :3, 3], axis=1)
@@ -66,21 +66,21 @@ def test_a_velocity_that_is_not_measured_is_forgotten(method: str, start: float)
 
 
 def test_the_prior_alone_keeps_the_velocity() -> None:
-    trajectory, _, _ = run(1, (1.0, 4.0), 4.0, bridge=0.0)
-    v = trajectory.velocity([1.0, 4.0 - 1e-6])
+    trajectory, _, _ = run(1, (0.4, 3.4), 3.4, bridge=0.0)
+    v = trajectory.velocity([0.4, 3.4 - 1e-6])
     np.testing.assert_allclose(v[1], v[0], atol=1e-6)
 
 
 def test_a_short_gap_is_bridged_as_the_prior_does() -> None:
-    short, kept = (run(2, (1.0, 1.15), 2.0, bridge)[0] for bridge in (BRIDGE, 0.0))
+    short, kept = (run(2, (0.5, 0.65), 1.0, bridge)[0] for bridge in (BRIDGE, 0.0))
     np.testing.assert_array_equal(short.T_world_cam, kept.T_world_cam)
     np.testing.assert_array_equal(short.knot_covariance, kept.knot_covariance)
 
 
 def test_after_a_break_the_error_is_what_the_covariance_says() -> None:
     """Mean NEES of 8 runs; that of the motion since the break as good as without one."""
-    t = np.array([2.5, 2.9])
-    found = np.array([nees(*run(seed, (1.0, 2.0), 3.0)[:2], t) for seed in range(8)])
+    t = np.array([1.8, 2.1])
+    found = np.array([nees(*run(seed, (0.5, 1.4), 2.15)[:2], t) for seed in range(8)])
     pose, velocity = found.mean(axis=0)
     assert (pose < 9).all() and (velocity > 3).all() and (velocity < 9).all()
 
@@ -121,17 +121,17 @@ def velocity_at(motion: States, t: float) -> VelocityFit:
 
 def test_after_a_break_batch_is_as_certain_as_it_may_be() -> None:
     """Mean NEES of 5 runs; 0.3 if it goes on at a velocity that may be any."""
-    t = np.array([1.45, 1.6])
-    every = (run(seed, (0.3, 1.2), 1.7, method="batch")[:2] for seed in range(5))
+    t = np.array([1.35, 1.45])
+    every = (run(seed, (0.2, 1.1), 1.5, method="batch")[:2] for seed in range(5))
     pose, _ = np.array([nees(*one, t) for one in every]).mean(axis=0)
     assert (pose > 1).all() and (pose < 9).all()
 
 
 def test_after_a_break_the_motion_is_as_certain_as_before() -> None:
-    trajectory, _, smoother = run(3, (1.0, 2.0), 3.0)
-    velocity = np.sqrt(np.diagonal(trajectory.covariance([0.9, 2.9])[:, 6:, 6:], 0, 1, 2))
+    trajectory, _, smoother = run(3, (0.6, 1.5), 2.2)
+    deviations = np.sqrt(np.diagonal(trajectory.covariance([0.5, 2.1]), 0, 1, 2))
+    pose, velocity = deviations[:, :6], deviations[:, 6:]
     np.testing.assert_allclose(velocity[1], velocity[0], rtol=0.5)
-    pose = np.sqrt(np.diagonal(trajectory.covariance([0.9, 2.9])[:, :6, :6], 0, 1, 2))
     assert (pose[1] > 10 * pose[0]).all()
     newest = smoother.window[-1]
     np.testing.assert_allclose(
@@ -167,21 +167,21 @@ def test_measurements_that_come_late_after_a_break_do_no_harm(lag: float | None)
 
 def test_with_factors_of_your_own_the_graph_stays_one() -> None:
     """A GPS-like factor after the break must be able to correct the pose."""
-    simulation, rng = TrackletSimulation(NOISE, per_cluster=20), np.random.default_rng(4)
-    motion = simulation.motion(2.5, rng)
+    simulation, rng = TrackletSimulation(NOISE, per_cluster=12), np.random.default_rng(4)
+    motion = simulation.motion(1.9, rng)
     smoother = FixedLagSmoother(simulation.camera, NOISE, EstimatorConfig(bridge=BRIDGE))
     exact = gtsam.noiseModel.Isotropic.Sigma(6, 1e-3)
     for end_time, measurements in simulation.clusters(motion, rng):
-        inside = 1.0 < end_time <= 2.0 + 1e-9
+        inside = 0.6 < end_time <= 1.4 + 1e-9
         smoother.update(end_time, NOTHING if inside else measurements)
-        if abs(end_time - 0.5) < 1e-9 or end_time > 2.2:
+        if abs(end_time - 0.5) < 1e-9 or end_time > 1.6:
             k = smoother.window[-1]
             pose = gtsam.Pose3(motion.query(np.array([end_time]))[0][0])
             smoother.add(gtsam.PriorFactorPose3(X(k), pose, exact))
     trajectory = smoother.trajectory()
     assert trajectory is not None
-    true = motion.query(np.array([2.4]))[0][0]
-    np.testing.assert_allclose(trajectory.pose(2.4)[:3, 3], true[:3, 3], atol=0.01)
+    true = motion.query(np.array([1.8]))[0][0]
+    np.testing.assert_allclose(trajectory.pose(1.8)[:3, 3], true[:3, 3], atol=0.01)
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.05, 0.1])
