@@ -13,6 +13,7 @@ import gpvo.commands.inputs  # noqa: F401
 
 FIRST = (
     "documentation/test_readme.py",
+    "factors/test_example.py",
     "estimator/test_long_tracks.py",
     "estimator/test_dead_reckoning.py",
     "estimator/test_learned_noise.py",
@@ -27,7 +28,10 @@ FIRST = (
     "benchmarks/test_faults.py",
     "recordings/test_damage.py",
 )
-"""Files that take long, so that none is left at the end."""
+"""Files that take long, so that none is left at the end.
+
+The examples of the factors compile what other files would compile once more at the same time.
+"""
 COMPILE = "from gpvo import Configuration; from gpvo.warm_up.whole import warm_up"
 
 
