@@ -15,7 +15,7 @@ from gpvo.trajectory import write_tum
 def room_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Simulate the recording of docs/first_steps.md, under the names that all pages use."""
     folder = tmp_path_factory.mktemp("room")
-    config = SimulationConfig(seed=2, duration=0.5, resolution=(240, 180), focal_length=160.0)
+    config = SimulationConfig(seed=2, duration=0.36, resolution=(240, 180), focal_length=160.0)
     simulated = simulate(config)
     simulated.write_mvsec(folder)
     (folder / f"{simulated.path}_data.hdf5").rename(folder / "room_data.hdf5")
