@@ -73,9 +73,9 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def run_here(name: str, given: Sequence[str], folder: str) -> Outcome:
         monkeypatch.setattr(sys, "argv", ["gpvo", *given])
-        with (Path(folder) / f"{name}.log").open("w") as log, redirect_stdout(log):
-            with pytest.raises(SystemExit) as ended:
-                main()
+        log = Path(folder) / f"{name}.log"
+        with log.open("w") as text, redirect_stdout(text), pytest.raises(SystemExit) as ended:
+            main()
         return Outcome(name, ended.value.code or 0, "")
 
     monkeypatch.setattr("gpvo.commands.many.run_one", run_here)
