@@ -74,7 +74,7 @@ def test_states_as_uncertain_as_the_prior_teach_nothing() -> None:
 @pytest.mark.parametrize("scale", [10.0, 100.0])
 def test_the_smoother_finds_a_livelier_motion(scale: float) -> None:
     true = NoiseConfig(acceleration_psd=tuple(scale * START), track_drift=0.0)
-    found = learned(true, NoiseConfig(track_drift=0.0, motion_memory=1.0), 1.5)
+    found = learned(true, NoiseConfig(track_drift=0.0, motion_memory=1.0), 0.8)
     ratio = np.array(found.acceleration_psd) / true.acceleration_psd
     assert (ratio > 0.4).all() and (ratio < 2.5).all()
     assert found.measurement_information == true.measurement_information
