@@ -19,7 +19,7 @@ BY_NAME = {fault.name: fault for fault in FAULTS}
 
 @pytest.fixture(scope="module")
 def sound() -> SimulatedRecording:
-    return simulate(CAMERAS[CAMERA].model_copy(update={"seed": 3, "duration": 1.6}))
+    return simulate(CAMERAS[CAMERA].model_copy(update={"seed": 3, "duration": 1.2}))
 
 
 @pytest.fixture(scope="module")
