@@ -31,7 +31,7 @@ def random_events(rng: np.random.Generator, count: int, tick: float) -> Events:
 def random_stream(seed: int) -> tuple[Events, Events]:
     rng = np.random.default_rng(seed)
     tick = rng.choice([1e-6, 1e-2])
-    left, right = (random_events(rng, rng.integers(0, 800), tick) for _ in range(2))
+    left, right = (random_events(rng, rng.integers(0, 400), tick) for _ in range(2))
     return left, right
 
 
