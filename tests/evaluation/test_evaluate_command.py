@@ -24,13 +24,16 @@ from gpvo.trajectory import StampedPoses, Trajectory, write_tum
 
 @pytest.fixture
 def sequence(random_walk, tmp_path):
+    return written(tmp_path, random_walk)
+
+
+def written(folder, random_walk):
     """Write a result folder, a competitor and a ground truth."""
-    truth = random_walk(1, 300)
-    write_tum(tmp_path / "truth.txt", truth)
-    (tmp_path / "results").mkdir()
-    write_tum(tmp_path / "results" / "trajectory.tum", random_walk(2, 300))
-    write_tum(tmp_path / "esvo.txt", random_walk(3, 70, 30_000_000))
-    return tmp_path
+    write_tum(folder / "truth.txt", random_walk(1, 300))
+    (folder / "results").mkdir()
+    write_tum(folder / "results" / "trajectory.tum", random_walk(2, 300))
+    write_tum(folder / "esvo.txt", random_walk(3, 70, 30_000_000))
+    return folder
 
 
 def run(*arguments, **options):
@@ -39,33 +42,35 @@ def run(*arguments, **options):
     return evaluate_command(*arguments, console=console, **options), output.getvalue()
 
 
-def test_a_result_against_a_competitor(sequence):
-    """As in the paper, both are compared at the competitor's states."""
+@pytest.fixture(scope="module")
+def reported(random_walk, tmp_path_factory):
+    """Report a result, of which the cost is known, against a competitor."""
+    folder = written(tmp_path_factory.mktemp("reported"), random_walk)
+    cost = CostMeter({"tracking": 0.1}).total(recording_seconds=10.0, events=1000)
+    write_cost(folder / "results", cost)
+    competitor, report = [f"ESVO={folder / 'esvo.txt'}"], folder / "report"
     comparisons, text = run(
-        sequence / "results",
-        sequence / "truth.txt",
-        against=[f"ESVO={sequence / 'esvo.txt'}"],
-        output=sequence / "report",
+        folder / "results", folder / "truth.txt", against=competitor, output=report
     )
+    return report, cost, comparisons, text
+
+
+def test_a_result_against_a_competitor(reported):
+    """As in the paper, both are compared at the competitor's states."""
+    report, _, comparisons, text = reported
     ours, esvo = comparisons[0].evaluations
     assert (ours.name, esvo.name) == ("gpvo", "ESVO")
     np.testing.assert_array_equal(ours.estimate.stamps_ns, esvo.estimate.stamps_ns)
     assert len(ours.estimate) == 70
     for word in ("global error", "relative error", "trajectory error", "ESVO", "at the states"):
         assert word in text
-    numbers = json.loads((sequence / "report" / "metrics.json").read_text())
+    numbers = json.loads((report / "metrics.json").read_text())
     assert [one["name"] for one in numbers[0]["estimates"]] == ["gpvo", "ESVO"]
     assert numbers[0]["estimates"][0] == ours.to_dict()
 
 
-def test_the_cost_of_a_result_stands_beside_its_errors(sequence):
-    cost = CostMeter({"tracking": 0.1}).total(recording_seconds=10.0, events=1000)
-    write_cost(sequence / "results", cost)
-    competitor = [f"ESVO={sequence / 'esvo.txt'}"]
-    report = sequence / "report"
-    (comparison,), text = run(
-        sequence / "results", sequence / "truth.txt", against=competitor, output=report
-    )
+def test_the_cost_of_a_result_stands_beside_its_errors(reported):
+    report, cost, (comparison,), text = reported
     assert comparison.costs == {"gpvo": cost}
     assert "100.00 x" in text and "events per second" in text and "Cost of gpvo: " in text
     assert "peak memory" in (report / "tables.tex").read_text()
