@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+# Also where bytecode is not to be kept: each process that a test starts would compile a second.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # A console keeps the width that COLUMNS has when it is made; a test's own is to count.
 os.environ.pop("COLUMNS", None)
 import gpvo.commands.inputs  # noqa: F401
