@@ -50,6 +50,8 @@ class NoiseLevel:
         """Return the mean squared coefficient of variation of both cameras' rates, if known."""
         self._counts.appendleft(np.stack([block_counts(cluster.left), block_counts(cluster.right)]))
         count = np.zeros_like(self._counts[0])
+        if count.size == 0:  # an image smaller than a block
+            return None
         for latest in self._counts:
             count += latest
             mean = count.mean(axis=1)
