@@ -14,10 +14,7 @@ from factors.jacobian_blocks import JacobianBlocks
 from factors.kernels.between import between_kernel, chain_kernel
 from factors.kernels.compiled import kernel
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
-from factors.kernels.se3 import (
-    Array,
-    copy_columns_kernel,
-)
+from factors.kernels.se3 import Array, copy_columns_kernel
 from factors.lie import se3_adjoint, se3_inverse
 from factors.stereo import (
     Camera,

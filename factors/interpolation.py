@@ -19,10 +19,7 @@ from factors.kernels.local_variables import (
     retract_kernel,
     wnoa_kernel,
 )
-from factors.kernels.se3 import (
-    Array,
-    compose_exp_kernel,
-)
+from factors.kernels.se3 import Array, compose_exp_kernel
 from factors.wnoa import information_root, kronecker, whitening
 
 

@@ -34,7 +34,12 @@ FIRST = (
 
 The examples of the factors compile what other files would compile once more at the same time.
 """
-COMPILE = "from gpvo import Configuration; from gpvo.warm_up.whole import warm_up"
+COMPILE = """
+from gpvo import Configuration
+from gpvo.warm_up.whole import warm_up
+
+warm_up(Configuration())
+"""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -45,8 +50,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile before xdist's processes begin, in two: each of them would compile nearly all."""
     if getattr(session.config.option, "numprocesses", None):
-        command = [sys.executable, "-c", f"{COMPILE}; warm_up(Configuration())"]
-        subprocess.run(command, check=True)
+        subprocess.run([sys.executable, "-c", COMPILE], check=True)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

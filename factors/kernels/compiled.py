@@ -1,7 +1,7 @@
 """How kernels are compiled by numba, here and in packages that are built on this one.
 
-Compilation delays the first run. Wrappers that nobody calls are therefore left out, divisions by
-zero give infinity as in numpy, and nothing is compiled to raise errors.
+Compilation delays the first run. Wrappers that nobody calls are therefore left out, and divisions
+by zero give infinity as in numpy, so that no error is compiled for them.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ KERNEL: dict[str, Any] = {
 }
 kernel = njit(**KERNEL)
 
-INNER: dict[str, Any] = {**KERNEL, "no_cpython_wrapper": True}
+_INNER: dict[str, Any] = {**KERNEL, "no_cpython_wrapper": True}
 """Of those that are called by kernels only."""
-inner_kernel = njit(**INNER, forceinline=True)
+inner_kernel = njit(**_INNER, forceinline=True)
 # One that makes no array, and calls none that does, need not count who holds the arrays it is
 # given; that takes longer than what most of these compute.
-bare_kernel = njit(**INNER, forceinline=True, _nrt=False)
+bare_kernel = njit(**_INNER, forceinline=True, _nrt=False)

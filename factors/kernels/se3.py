@@ -6,7 +6,8 @@ eps^2 = 0, so that each formula of SO(3) holds on SE(3) once its numbers are dua
 vector xi = phi + eps rho and W its cross product matrix, the adjoint of Exp(xi), both Jacobians and
 their inverses are 1 + p W + q W^2, where p and q depend only on the squared angle s.
 
-Arrays are C-contiguous float64, because numba would compile a kernel again for another layout.
+Arrays are C-contiguous float64, because numba would compile a kernel again for another layout, and
+kernels take no integers, because it would for each literal one.
 """
 
 from __future__ import annotations

@@ -16,10 +16,7 @@ from factors.kernels.local_variables import (
     local_of_relative_kernel,
 )
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
-from factors.kernels.se3 import (
-    Array,
-    relative_kernel,
-)
+from factors.kernels.se3 import Array, relative_kernel
 
 Index = NDArray[np.uint64]  # numba looks whether signed ones are negative
 

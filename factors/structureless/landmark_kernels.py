@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import bare_kernel, kernel
+from factors.kernels.compiled import bare_kernel, inner_kernel, kernel
 from factors.kernels.local_variables import (
     local_state_kernel,
     write_hermite_weights,
@@ -29,6 +29,16 @@ Known = tuple[Array, Array, Array, Array]
 _CONVERGED = 1e-12
 
 
+@inner_kernel
+def next_states_kernel(T_states: Array, v_states: Array) -> Array:
+    """Compute the local variables (n - 1, 12) of each of n states around the one before it."""
+    local_j = np.empty((len(T_states) - 1, 12))
+    for i in range(len(local_j)):
+        next_local = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
+        copy_vector_kernel(next_local, local_j[i])
+    return local_j
+
+
 @kernel
 def poses_between_kernel(
     T_states: Array, v_states: Array, first: Index, a: Array, b: Array, count: int
@@ -37,10 +47,8 @@ def poses_between_kernel(
 
     Those beyond the first `count` states are left zero.
     """
-    local_j, share, local = np.empty((len(T_states) - 1, 12)), np.empty((2, 2, 2)), np.empty(12)
-    for i in range(len(local_j)):
-        next_local = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
-        copy_vector_kernel(next_local, local_j[i])
+    local_j = next_states_kernel(T_states, v_states)
+    share, local = np.empty((2, 2, 2)), np.empty(12)
     T = np.zeros((len(a), 4, 4))
     for n in range(len(a)):
         i = first[n]

@@ -17,10 +17,11 @@ from factors.kernels.local_variables import (
     write_hermite_weights,
     write_interpolated_local,
 )
-from factors.kernels.se3 import Array, copy_kernel, copy_vector_kernel
+from factors.kernels.se3 import Array, copy_kernel
 from factors.structureless.landmark_kernels import (
     Index,
     landmark_rows_kernel,
+    next_states_kernel,
     pose_rows_kernel,
 )
 
@@ -48,10 +49,9 @@ def measurement_rows_kernel(
     measurement's own time (6), then the error. The measurements n = order[...] are a[n] seconds
     after the state first[n] and b[n] before the next one, from the pose T[n], of landmark of[n].
     """
-    local_j, by_states_j = np.empty((len(T_states) - 1, 12)), np.empty((len(T_states) - 1, 12, 24))
+    local_j = next_states_kernel(T_states, v_states)
+    by_states_j = np.empty((len(local_j), 12, 24))
     for i in range(len(local_j)):
-        next_local = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
-        copy_vector_kernel(next_local, local_j[i])
         copy_kernel(local_jacobian_kernel(local_j[i], v_states[i + 1]), by_states_j[i])
     result, by_landmark = np.empty((len(order), 3, 31)), np.empty((len(order), 3, 3))
     h, by_h, rows, chained = np.empty(3), np.empty((3, 3)), np.empty((3, 10)), np.empty((3, 30))
@@ -197,10 +197,8 @@ def states_between_kernel(
     The next state is b (n,) seconds later. They deviate by (n, 12) in local variables around the
     first state from the interpolation.
     """
-    local_j, share, local = np.empty((len(T_states) - 1, 12)), np.empty((2, 2, 2)), np.empty(12)
-    for i in range(len(local_j)):
-        next_local = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
-        copy_vector_kernel(next_local, local_j[i])
+    local_j = next_states_kernel(T_states, v_states)
+    share, local = np.empty((2, 2, 2)), np.empty(12)
     for n in range(len(a)):
         i = first[n]
         write_hermite_weights(a[n], b[n], share)
