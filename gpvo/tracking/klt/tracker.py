@@ -26,6 +26,7 @@ from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.match_precision import match_deviations
 from gpvo.tracking.klt.patch_checks import are_stereo
 from gpvo.tracking.klt.relocation import refined_pose, relocated_pose
+from gpvo.tracking.klt.row_search import search_rows
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.report import TrackingReport
 from gpvo.tracking.sights import predict, warp
@@ -227,31 +228,23 @@ class KltTracker:
     def _in_right(
         self, frame: Frame, left: Points, guess: Points | None = None
     ) -> tuple[Points, Mask]:
-        """Return the right points (N, 2) of left ones, and which lead back and are stereo."""
-        right, found = self._match(frame.left_image, frame.right_image, left, guess)
-        back, found_back = self._match(frame.right_image, frame.left_image, right)
+        """Return the right points (N, 2) of left ones, and which lead back and are stereo.
+
+        A guess is within a pixel or two; without one they are searched along their rows.
+        """
+        images = frame.left_image, frame.right_image
+        if guess is None:
+            (guess, known), coarser = search_rows(*images, left), self._config.pyramid_levels
+        else:
+            known, coarser = np.ones(len(left), np.bool_), FINE
+        right, found = match_patches(*images, left, guess, coarser)
+        back, found_back = match_patches(*images[::-1], right, right + (left - guess), coarser)
         closed = np.linalg.norm(back - left, axis=1) < self._config.closure_tolerance
-        return right, found & found_back & closed & self._is_stereo(frame, left, right)
+        return right, known & found & found_back & closed & self._is_stereo(frame, left, right)
 
     def _is_stereo(self, frame: Frame, left: Points, right: Points) -> Mask:
         images = frame.left_image.image, frame.right_image.image
         return are_stereo(images, left, right, self._config)
-
-    def _match(
-        self,
-        source: Pyramid,
-        target: Pyramid,
-        points: Points,
-        guess: Points | None = None,
-    ) -> tuple[Points, Mask]:
-        """Match the patches around points (N, 2) of the source with the target image.
-
-        Returns their points in the target (N, 2) and whether they were found (N,). A guess is
-        within a pixel or two, and needs no coarse pyramid levels.
-        """
-        if guess is None:
-            return match_patches(source, target, points, points, self._config.pyramid_levels)
-        return match_patches(source, target, points, guess, FINE)
 
 
 def _shift(measurements: Array) -> Points:

@@ -1,0 +1,140 @@
+"""Search of features along the rows of the other camera's image, where nothing is known of depth.
+
+A match by gradients begins within a few pixels, and near things are tens of pixels apart in both
+images. So the patches of a coarse level are compared at every disparity first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from factors.kernels.compiled import KERNEL, kernel
+from gpvo.second_thread import in_halves
+from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid
+from gpvo.tracking.klt.patch_kernels import FAST, Level, Row
+
+Points = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+LEVEL = 1
+"""Level that is searched: a step of a pixel there is two pixels of the image."""
+RADIUS = 7
+"""Half of the compared patches' side, pixels of the level."""
+FARTHEST = 1 / 3
+"""Largest disparity, share of the image's width."""
+NEARER = 0.1
+"""Correlation by which a larger disparity must be more alike: few things are that near."""
+
+
+def search_rows(left: Pyramid, right: Pyramid, points: Points) -> tuple[Points, Mask]:
+    """Search the points (N, 2) of the left image along their rows of the right one.
+
+    Returns the right points (N, 2) that look most alike, and which of those (N,) find the left ones
+    in the same way: others are one of several that look alike.
+    """
+    ends, found = points.copy(), np.zeros(len(points), np.bool_)
+    level = min(LEVEL, left.coarsest)
+    border, reach = left.patch_size + BEYOND, int(FARTHEST * left.image.shape[1] * 0.5**level)
+    images = left.levels[level], right.levels[level]
+
+    def search(part: slice) -> None:
+        given = *images, border, reach, np.float32(0.5**level)
+        search_kernel(*given, points[part], ends[part], found[part])
+
+    in_halves(search, len(points))
+    return ends, found
+
+
+@kernel
+def search_kernel(
+    left: Level,
+    right: Level,
+    border: int,
+    reach: int,
+    scale: float,
+    points: Points,
+    ends: Points,
+    found: Mask,
+) -> None:
+    """Move the columns of points (N, 2) by the disparity, and mark those that are found (N,)."""
+    side, width, first = 2 * RADIUS + 1, left.shape[1] - 2 * border, border - RADIUS
+    template, sums = np.empty((side, side), np.float32), np.empty((3, reach + 1), np.float32)
+    for i in range(len(points)):
+        column, row = int(np.rint(points[i, 0] * scale)), int(np.rint(points[i, 1] * scale))
+        start, top = first + min(column, width - 1), first + row
+        farthest = min(reach, start - first)
+        _correlate(left, start, top, right, start - farthest, farthest + 1, template, sums)
+        disparity = _most_alike(sums[0], farthest, -1)
+        farthest = min(reach, width - 1 - start + disparity + first)
+        _correlate(
+            right, start - disparity, top, left, start - disparity, farthest + 1, template, sums
+        )
+        found[i] = abs(_most_alike(sums[0], farthest, 1) - disparity) <= 1
+        ends[i, 0] = points[i, 0] - disparity / scale
+
+
+@kernel
+def _most_alike(alike: Row, farthest: int, step: int) -> int:
+    """Return the disparity by the correlations, from the first on or back to it."""
+    best, disparity = 0.0, 0
+    for d in range(farthest + 1):
+        one = alike[d] if step > 0 else alike[farthest - d]
+        same_peak = best == 0.0 or d == disparity + 1
+        if one > (best if same_peak else best + NEARER):
+            best, disparity = float(one), d
+    return disparity
+
+
+@kernel
+def _centred(image: Level, column: int, row: int, template: Level) -> float:
+    """Copy a patch without its mean; return the sum of its squares."""
+    side = len(template)
+    total = np.float32(0)
+    for y in range(side):
+        for x in range(side):
+            template[y, x] = image[row + y, column + x]
+            total += template[y, x]
+    mean, squares = total / np.float32(side * side), np.float32(0)
+    for y in range(side):
+        for x in range(side):
+            template[y, x] -= mean
+            squares += template[y, x] * template[y, x]
+    return float(squares)
+
+
+@njit(**KERNEL, fastmath=FAST)
+def _correlate(
+    image: Level,
+    column: int,
+    row: int,
+    other: Level,
+    first: int,
+    count: int,
+    template: Level,
+    sums: Level,
+) -> None:
+    """Compute the zero-mean normalised cross-correlations of a patch with those of another image.
+
+    The patch begins at (column, row), the others at so many columns from the first on. `sums`
+    (3, D) has the correlations in its first row.
+    """
+    contrast = _centred(image, column, row, template)
+    side, n = np.uint64(len(template)), np.uint64(count)
+    top, left = np.uint64(row), np.uint64(first)  # no negative indices
+    products, totals, squares = sums[0], sums[1], sums[2]
+    for k in range(n):
+        products[k] = totals[k] = squares[k] = 0
+    for y in range(side):
+        for x in range(side):
+            weight = template[y, x]
+            for k in range(n):
+                value = other[top + y, left + x + k]
+                products[k] += weight * value
+                totals[k] += value
+                squares[k] += value * value
+    for k in range(n):
+        variance = float(squares[k]) - float(totals[k]) ** 2 / float(side * side)
+        known = variance * contrast > 0
+        products[k] = products[k] / np.sqrt(variance * contrast) if known else 0.0
