@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from gpvo.config import Configuration, for_camera, in_full_pixels
-from gpvo.events import Clustering, StereoCluster
+from gpvo.events import Clustering, ImageMotion, StereoCluster
 from gpvo.mc_ransac import VelocityFit, mc_ransac, segments_between
 from gpvo.recordings import StereoEvents, StereoRig
 from gpvo.tracking import (
     EgoMotion,
+    ImageAcceleration,
     Measurements,
     MultiResolutionTracker,
     Observations,
@@ -101,9 +102,10 @@ class FrontEnd:
         )
         self._tracklets = Tracklets(full.tracklets)
         self._tracked_pixel = full.tracking.pixel
-        self._image_speed: float | None = None
+        self._acceleration = ImageAcceleration(self.camera)
+        self._image_motion: ImageMotion | None = None
         self._stage = stage
-        self.clustering = Clustering(rig, self.configuration.clustering, lambda: self._image_speed)
+        self.clustering = Clustering(rig, self.configuration.clustering, lambda: self._image_motion)
 
     def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
         """Cut a stream into clusters, each to be processed before the next one is taken."""
@@ -131,9 +133,11 @@ class FrontEnd:
             inliers = np.zeros(len(later), bool) if estimate is None else estimate.inliers
             self._tracklets.reject(later.landmark[~inliers])
             measurements = self._tracklets.take(later.landmark[inliers])
-        self._image_speed = self._tracked_speed()
-        if estimate is not None and self._motion is not None:
-            self._motion.velocity = estimate.velocity
+        if estimate is not None:
+            self._acceleration.follow(cluster.stop, estimate.velocity, later.stereo[:, 2])
+            if self._motion is not None:
+                self._motion.velocity = estimate.velocity
+        self._image_motion = self._tracked_motion()
         return TrackedCluster(
             observations,
             self._tracking_report(),
@@ -146,10 +150,14 @@ class FrontEnd:
             measurements,
         )
 
-    def _tracked_speed(self) -> float | None:
-        """Return the speed of the features, tracked pixels per second; None while few are known."""
+    def _tracked_motion(self) -> ImageMotion | None:
+        """Return the motion of the features in tracked pixels; None while few are known."""
         speed = self._tracklets.image_speed()
-        return None if speed is None else speed / self._tracked_pixel
+        if speed is None:
+            return None
+        return ImageMotion(
+            speed / self._tracked_pixel, self._acceleration.value / self._tracked_pixel
+        )
 
     def tell_pose(self, latest: MotionEstimate | None) -> None:
         """Tell the tracker the estimate at the cluster before, which a user's own may not need."""

@@ -24,11 +24,21 @@ class ClusteringConfig(StageConfig):
         gt=0,
         description="Image motion of the slower features during a cluster, tracked pixels.",
     )
+    blur: float = Field(
+        default=0.1,
+        gt=0,
+        description="By how much contours leave a constant motion during a cluster in fast motion, "
+        "tracked pixels: as long as the motion stays, compensated images of longer clusters are as "
+        "sharp, and each costs the same time.",
+    )
     shortest: float = Field(
-        default=0.02,
-        ge=0,
-        description="Shortest duration of a cluster by the motion, seconds: the images are "
-        "compensated, and each costs the same time.",
+        default=0.01, ge=0, description="Shortest duration of a cluster by the blur, seconds."
+    )
+    steady: float = Field(
+        default=0.05,
+        gt=0,
+        description="Longest duration of a cluster by the blur, seconds, in motion that does not "
+        "change.",
     )
     max_events: int | None = Field(
         default=None,

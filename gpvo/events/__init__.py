@@ -1,5 +1,6 @@
 """Clustering of events into surfaces of active events, section III-A.1 of the paper."""
 
+from gpvo.events.cluster_length import ImageMotion
 from gpvo.events.clustering import (
     ClusterEvents,
     Clustering,
@@ -10,6 +11,7 @@ from gpvo.events.clustering import (
 __all__ = [
     "ClusterEvents",
     "Clustering",
+    "ImageMotion",
     "StereoCluster",
     "cluster_events",
 ]

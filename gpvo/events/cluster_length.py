@@ -1,8 +1,13 @@
-"""Length of clusters: so long that contours move by the same distance, whatever the speed."""
+"""Length of clusters: so long that contours move by the same distance, whatever the speed.
+
+In fast motion they are longer: as long as the motion hardly changes meanwhile.
+"""
 
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
+from math import inf, sqrt
 from statistics import median
 
 from gpvo.config import ClusteringConfig
@@ -18,11 +23,30 @@ REMEMBERED = 10
 """Number of latest clusters that say what is usual."""
 
 
+@dataclass(frozen=True)
+class ImageMotion:
+    """Motion of the features in the latest clusters, in tracked pixels.
+
+    Attributes
+    ----------
+    speed
+        Pixels per second.
+    acceleration
+        Pixels per second^2, infinite if unknown.
+    """
+
+    speed: float
+    acceleration: float = inf
+
+
 class ClusterLength:
     """Limits of the next cluster by time and number of events.
 
-    The image motion of the latest features says how long contours take to move by `config.motion`.
-    Until it is known, and where it surges, the number of events ends a cluster.
+    The speed s of the latest features says how long contours take to move by `config.motion`, and
+    their acceleration a for how long a motion of constant speed is right: T seconds from the middle
+    of a cluster of 2 T seconds they are a T^2 / 2 away from it, which may be `config.blur`. The
+    longer time counts. Until the motion is known, and where it surges, the number of events ends a
+    cluster.
 
     Attributes
     ----------
@@ -36,21 +60,26 @@ class ClusterLength:
         self._counts: deque[float] = deque(maxlen=REMEMBERED)
         self.times = 1.0
 
-    def limits(self, image_speed: float | None) -> tuple[float, int]:
+    def limits(self, image_motion: ImageMotion | None) -> tuple[float, int]:
         """Return the longest duration, seconds, and the most events of either camera."""
-        duration, events = self._usual(image_speed)
+        duration, events = self._usual(image_motion)
         return self.times * duration, round(self.times * events)
 
-    def _usual(self, image_speed: float | None) -> tuple[float, float]:
+    def _usual(self, image_motion: ImageMotion | None) -> tuple[float, float]:
         config = self._config
         if config.max_events is not None:
             return config.window, config.max_events
-        if image_speed is None:
+        if image_motion is None:
             return config.window, FIRST * self._pixels
         usual = SURGE * float(median(self._counts)) if self._counts else 0.0
-        by_motion = config.motion / max(image_speed, 1e-9)
-        duration = min(config.window, max(config.shortest, by_motion))
-        return duration, max(usual, LEAST * self._pixels)
+        return self._duration(image_motion), max(usual, LEAST * self._pixels)
+
+    def _duration(self, motion: ImageMotion) -> float:
+        config = self._config
+        by_motion = config.motion / max(motion.speed, 1e-9)
+        by_blur = 2 * sqrt(2 * config.blur / max(motion.acceleration, 1e-9))
+        sharp = max(config.shortest, min(config.steady, by_blur))
+        return min(config.window, max(by_motion, sharp))
 
     def add(self, events: int) -> None:
         """Remember the number of events of a cluster, in the camera that had more.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from factors.kernels.compiled import kernel
 from gpvo.config import ClusteringConfig
-from gpvo.events.cluster_length import ClusterLength
+from gpvo.events.cluster_length import ClusterLength, ImageMotion
 from gpvo.events.flashes import FlashDetector
 from gpvo.events.noise_filter import EventFilter
 from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
@@ -114,17 +114,17 @@ class Clustering:
     """Cuts a stereo event stream into clusters, however it comes in batches.
 
     A cluster ends after `config.window` seconds, or as soon as either camera has too many events;
-    see `ClusterLength`. `image_speed` returns that of the features in the clusters so far, tracked
-    pixels/s, None if it is unknown. Flashes are left out.
+    see `ClusterLength`. `image_motion` returns that of the features in the clusters so far, None if
+    it is unknown. Flashes are left out.
     """
 
     def __init__(
         self,
         rig: StereoRig,
         config: ClusteringConfig,
-        image_speed: Callable[[], float | None] = lambda: None,
+        image_motion: Callable[[], ImageMotion | None] = lambda: None,
     ) -> None:
-        self._image_speed, self._skip_flashes = image_speed, config.skip_flashes
+        self._image_motion, self._skip_flashes = image_motion, config.skip_flashes
         self._length, self._flashes, self._flash = ClusterLength(config, rig), FlashDetector(), 0.0
         self._sides = [
             _PendingEvents(camera, table, rig.resolution, config)
@@ -151,7 +151,7 @@ class Clustering:
 
         The noise filter has not seen them, so that there may be fewer.
         """
-        duration, limit = self._length.limits(self._image_speed())
+        duration, limit = self._length.limits(self._image_motion())
         most = waiting + max(len(side) for side in self._sides)
         return stop >= self._start + duration or most >= limit
 
@@ -178,7 +178,7 @@ class Clustering:
         """Yield the last cluster, unless the stream fills less than half of it."""
         if self._end == self._start:
             return
-        duration, limit = self._length.limits(self._image_speed())
+        duration, limit = self._length.limits(self._image_motion())
         full = (self._end - self._start) / duration, *(len(side) / limit for side in self._sides)
         cluster = self._take(self._end)
         if max(full) >= 0.5:
@@ -186,7 +186,7 @@ class Clustering:
             self._flash = 0.0
 
     def _next_stop(self) -> float:
-        duration, limit = self._length.limits(self._image_speed())
+        duration, limit = self._length.limits(self._image_motion())
         return min(self._start + duration, *(side.full_at(limit) for side in self._sides))
 
     def _take(self, stop: float) -> StereoCluster:
@@ -210,10 +210,10 @@ def cluster_events(
     batches: Iterable[StereoEvents],
     rig: StereoRig,
     config: ClusteringConfig,
-    image_speed: Callable[[], float | None] = lambda: None,
+    image_motion: Callable[[], ImageMotion | None] = lambda: None,
 ) -> Iterator[StereoCluster]:
     """Cut a stereo event stream into clusters; see `Clustering`."""
-    return Clustering(rig, config, image_speed).clusters(batches)
+    return Clustering(rig, config, image_motion).clusters(batches)
 
 
 class _PendingEvents:

@@ -1,6 +1,7 @@
 """Tracking of landmarks through clusters, each measured at its own time, section III-A.2."""
 
 from gpvo.tracking.ego_motion import EgoMotion
+from gpvo.tracking.image_acceleration import ImageAcceleration
 from gpvo.tracking.measurements import Measurements, seen_twice
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.report import TrackingReport
@@ -9,6 +10,7 @@ from gpvo.tracking.tracklets import Tracklets
 
 __all__ = [
     "EgoMotion",
+    "ImageAcceleration",
     "Measurements",
     "MultiResolutionTracker",
     "Observations",

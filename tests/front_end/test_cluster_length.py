@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gpvo.config import ClusteringConfig
-from gpvo.events.cluster_length import FIRST, LEAST, REMEMBERED, SURGE, ClusterLength
+from gpvo.events.cluster_length import (
+    FIRST,
+    LEAST,
+    REMEMBERED,
+    SURGE,
+    ClusterLength,
+    ImageMotion,
+)
 from gpvo.recordings import Camera, StereoRig
 
 SIZES = [(240, 180), (346, 260), (1280, 720)]
@@ -20,38 +27,60 @@ def length(size: tuple[int, int], **fields: float) -> ClusterLength:
     return ClusterLength(ClusteringConfig.model_validate(fields), rig)
 
 
+ACCELERATION = st.floats(0, 1e6) | st.just(np.inf)
+MOTION = st.none() | st.builds(ImageMotion, st.floats(0, 1e5), ACCELERATION)
+
+
 @given(st.floats(0, 1e5), st.floats(0.5, 5), st.floats(0.02, 0.5), st.floats(0, 0.02))
 def test_contours_move_by_the_motion_within_a_cluster_of_bounded_duration(
-    image_speed: float, motion: float, window: float, shortest: float
+    speed: float, motion: float, window: float, shortest: float
 ) -> None:
     limits = length((240, 180), motion=motion, window=window, shortest=shortest).limits
-    duration, _ = limits(image_speed)
+    duration, _ = limits(ImageMotion(speed))
     assert shortest <= duration <= window
     at_bound = duration in (shortest, window)
-    assert at_bound or duration * image_speed == pytest.approx(motion)
+    assert at_bound or duration * speed == pytest.approx(motion)
+
+
+@given(st.floats(0, 1e6), st.floats(0.01, 1), st.floats(0, 0.02), st.floats(0.02, 0.1))
+def test_contours_in_fast_motion_leave_a_constant_one_by_the_blur_within_a_cluster(
+    acceleration: float, blur: float, shortest: float, steady: float
+) -> None:
+    limits = length((240, 180), blur=blur, shortest=shortest, steady=steady).limits
+    duration, _ = limits(ImageMotion(1e9, acceleration))
+    assert shortest <= duration <= steady
+    at_bound = duration in (shortest, steady)
+    assert at_bound or acceleration * (duration / 2) ** 2 / 2 == pytest.approx(blur)
+
+
+@given(st.floats(0, 1e5), ACCELERATION)
+def test_the_longer_of_both_times_counts(speed: float, acceleration: float) -> None:
+    limits = length((240, 180)).limits
+    alone = (ImageMotion(speed), ImageMotion(1e9, acceleration))
+    assert limits(ImageMotion(speed, acceleration))[0] == max(limits(one)[0] for one in alone)
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_events_end_a_cluster_while_the_speed_is_unknown(size: tuple[int, int]) -> None:
     pixels = size[0] * size[1]
     assert length(size).limits(None) == (0.1, round(FIRST * pixels))
-    assert length(size).limits(50.0)[1] == round(LEAST * pixels)
+    assert length(size).limits(ImageMotion(50.0))[1] == round(LEAST * pixels)
 
 
 def test_a_surge_of_events_ends_a_cluster() -> None:
     known = length((240, 180))
     for events in [*[10**6] * REMEMBERED, *[30_000] * REMEMBERED]:
         known.add(events)
-    assert known.limits(50.0)[1] == SURGE * 30_000
+    assert known.limits(ImageMotion(50.0))[1] == SURGE * 30_000
     known.add(10**9)  # one cluster does not say what is usual
-    assert known.limits(50.0)[1] == SURGE * 30_000
+    assert known.limits(ImageMotion(50.0))[1] == SURGE * 30_000
 
 
-@given(st.one_of(st.none(), st.floats(0, 1e5)))
-def test_a_number_of_events_that_is_set_is_the_only_one(image_speed: float | None) -> None:
+@given(MOTION)
+def test_a_number_of_events_that_is_set_is_the_only_one(motion: ImageMotion | None) -> None:
     fixed = length((240, 180), max_events=5000, window=0.2)
     fixed.add(10**6)
-    assert fixed.limits(image_speed) == (0.2, 5000)
+    assert fixed.limits(motion) == (0.2, 5000)
 
 
 @pytest.mark.parametrize("times", [1.5, 2.0])
@@ -61,8 +90,8 @@ def test_clusters_are_longer_while_time_is_short_and_as_usual_after(times: float
     for _ in range(2 * REMEMBERED):
         usual.add(30_000)
         longer.add(round(times * 30_000))
-    for speed in (None, 5.0, 50.0):
-        duration, events = usual.limits(speed)
-        assert longer.limits(speed) == (times * duration, round(times * events))
+    for motion in (None, ImageMotion(5.0), ImageMotion(50.0, 1e3)):
+        duration, events = usual.limits(motion)
+        assert longer.limits(motion) == (times * duration, round(times * events))
     longer.times = 1.0
-    assert longer.limits(50.0) == usual.limits(50.0)
+    assert longer.limits(ImageMotion(50.0)) == usual.limits(ImageMotion(50.0))

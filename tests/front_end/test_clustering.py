@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gpvo.config import ClusteringConfig
-from gpvo.events import ClusterEvents, StereoCluster, cluster_events
+from gpvo.events import ClusterEvents, ImageMotion, StereoCluster, cluster_events
 from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 
 HEIGHT, WIDTH = 12, 16
@@ -45,10 +45,10 @@ def clusters(
     right: Events,
     cuts: list[float],
     config: ClusteringConfig,
-    image_speed: float | None = None,
+    motion: ImageMotion | None = None,
 ) -> list[StereoCluster]:
     batches = event_batches(left, right, cuts)
-    return list(cluster_events(batches, RIG, config, lambda: image_speed))
+    return list(cluster_events(batches, RIG, config, lambda: motion))
 
 
 configs = st.builds(
@@ -59,7 +59,9 @@ configs = st.builds(
     background_filter=st.just(0.0),
     hot_pixel_ratio=st.just(0.0),
 )
-speeds = st.sampled_from([None, 10.0, 60.0, 1000.0])
+motions = st.sampled_from(
+    [None, ImageMotion(10.0), ImageMotion(60.0, 500.0), ImageMotion(1000.0, 100.0)]
+)
 cut_lists = st.lists(st.floats(0, 1), max_size=30)
 
 
@@ -98,14 +100,14 @@ def test_a_cluster_ends_by_time_or_by_the_count_of_either_camera(
         assert cluster.stop == min(by_count, by_time)
 
 
-@given(seeds, cut_lists, configs | st.just(ClusteringConfig()), speeds)
+@given(seeds, cut_lists, configs | st.just(ClusteringConfig()), motions)
 @settings(deadline=None, max_examples=60)
 def test_clusters_do_not_depend_on_the_batches(
-    seed: int, cuts: list[float], config: ClusteringConfig, image_speed: float | None
+    seed: int, cuts: list[float], config: ClusteringConfig, motion: ImageMotion | None
 ) -> None:
     """Not of the noise filter's and the flash detector's judgement either."""
     left, right = random_stream(seed)
-    whole, parts = (clusters(left, right, c, config, image_speed) for c in ([], cuts))
+    whole, parts = (clusters(left, right, c, config, motion) for c in ([], cuts))
     for a, b in zip(whole, parts, strict=True):
         assert (a.start, a.stop, a.flash) == (b.start, b.stop, b.flash)
         for x, y in ((a.left, b.left), (a.right, b.right)):

@@ -7,7 +7,7 @@ import pytest
 
 from gpvo.config import ClusteringConfig
 from gpvo.events import ClusterEvents, StereoCluster
-from gpvo.events.cluster_length import ClusterLength
+from gpvo.events.cluster_length import ClusterLength, ImageMotion
 from gpvo.events.flashes import FlashDetector
 from gpvo.events.noise_level import NoiseLevel
 from gpvo.recordings import Camera, Events, StereoRig
@@ -77,4 +77,4 @@ def test_motion_after_rest_has_clusters_as_before() -> None:
     length = ClusterLength(ClusteringConfig(), StereoRig(camera, camera, 200.0, (8.0, 6.0), 0.1))
     for events in [20_000] * 10 + [300] * 40:
         length.add(events)
-    assert length.limits(50.0)[1] == 40_000
+    assert length.limits(ImageMotion(50.0))[1] == 40_000

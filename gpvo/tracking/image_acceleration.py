@@ -1,0 +1,43 @@
+"""Acceleration of the image, by the change of the camera's velocity."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors import StereoCamera
+
+Array = NDArray[np.float64]
+APART = 0.04
+"""Least time between velocities that are compared, seconds: nearer ones differ by their noise."""
+
+
+class ImageAcceleration:
+    """How fast the image motion changes in the latest clusters.
+
+    A camera with the angular velocity w and the velocity v moves the image by f |w| + f |v| / Z
+    pixels per second at most in its middle, where f / Z is the disparity over the baseline.
+
+    Attributes
+    ----------
+    value
+        Pixels per second^2; infinite while it is unknown.
+    """
+
+    def __init__(self, camera: StereoCamera) -> None:
+        self._camera, self.value = camera, np.inf
+        self._known: deque[tuple[float, Array]] = deque()
+
+    def follow(self, t: float, velocity: Array, disparity: Array) -> None:
+        """Learn it from the body twist (6,) at time t, seconds, and disparities (N,), pixels."""
+        while len(self._known) > 1 and self._known[1][0] <= t - APART:
+            self._known.popleft()
+        if self._known and len(disparity) > 0:
+            start, before = self._known[0]
+            change = np.abs(velocity - before) / (t - start)
+            turn, shift = np.linalg.norm(change[:3]), np.linalg.norm(change[3:])
+            nearness = np.median(disparity) / self._camera.baseline
+            self.value = float(self._camera.fx * turn + nearness * shift)
+        self._known.append((t, velocity))
