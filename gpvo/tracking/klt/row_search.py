@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from factors.kernels.compiled import KERNEL, kernel
 from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid
-from gpvo.tracking.klt.patch_kernels import FAST, Level, Row
+from gpvo.tracking.klt.patch_kernels import FAST, Level
 
 Points = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -59,32 +59,39 @@ def search_kernel(
     found: Mask,
 ) -> None:
     """Move the columns of points (N, 2) by the disparity, and mark those that are found (N,)."""
-    side, width, first = 2 * RADIUS + 1, left.shape[1] - 2 * border, border - RADIUS
+    side, first, last = 2 * RADIUS + 1, border - RADIUS, left.shape[1] - 1 - border - RADIUS
     template, sums = np.empty((side, side), np.float32), np.empty((3, reach + 1), np.float32)
     for i in range(len(points)):
-        column, row = int(np.rint(points[i, 0] * scale)), int(np.rint(points[i, 1] * scale))
-        start, top = first + min(column, width - 1), first + row
-        farthest = min(reach, start - first)
-        _correlate(left, start, top, right, start - farthest, farthest + 1, template, sums)
-        disparity = _most_alike(sums[0], farthest, -1)
-        farthest = min(reach, width - 1 - start + disparity + first)
-        _correlate(
-            right, start - disparity, top, left, start - disparity, farthest + 1, template, sums
-        )
-        found[i] = abs(_most_alike(sums[0], farthest, 1) - disparity) <= 1
+        start = min(first + int(np.rint(points[i, 0] * scale)), last)
+        top, farthest = first + int(np.rint(points[i, 1] * scale)), min(reach, start - first)
+        disparity = _most_alike(left, start, top, right, -1, farthest, template, sums)
+        end, farthest = start - disparity, min(reach, last - start + disparity)
+        back = _most_alike(right, end, top, left, 1, farthest, template, sums)
+        found[i] = abs(back - disparity) <= 1
         ends[i, 0] = points[i, 0] - disparity / scale
 
 
 @kernel
-def _most_alike(alike: Row, farthest: int, step: int) -> int:
-    """Return the disparity by the correlations, from the first on or back to it."""
-    best, disparity = 0.0, 0
-    for d in range(farthest + 1):
-        one = alike[d] if step > 0 else alike[farthest - d]
-        same_peak = best == 0.0 or d == disparity + 1
+def _most_alike(
+    image: Level,
+    column: int,
+    row: int,
+    other: Level,
+    step: int,
+    farthest: int,
+    template: Level,
+    sums: Level,
+) -> int:
+    """Return how many steps from (column, row) the patch there is in the other image."""
+    begin, alike, count = min(column, column + step * farthest), sums[0], farthest + 1
+    _correlate(image, column, row, other, begin, count, template, sums)
+    best, steps = 0.0, 0
+    for k in range(count):
+        one = alike[k] if step > 0 else alike[farthest - k]
+        same_peak = best == 0.0 or k == steps + 1
         if one > (best if same_peak else best + NEARER):
-            best, disparity = float(one), d
-    return disparity
+            best, steps = float(one), k
+    return steps
 
 
 @kernel
