@@ -36,7 +36,7 @@ class ImageAcceleration:
             self._known.popleft()
         if self._known and len(disparity) > 0:
             start, before = self._known[0]
-            change = np.abs(velocity - before) / (t - start)
+            change = (velocity - before) / (t - start)
             turn, shift = np.linalg.norm(change[:3]), np.linalg.norm(change[3:])
             nearness = np.median(disparity) / self._camera.baseline
             self.value = float(self._camera.fx * turn + nearness * shift)

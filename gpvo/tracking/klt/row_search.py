@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from factors.kernels.compiled import KERNEL, kernel
 from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid
-from gpvo.tracking.klt.patch_kernels import FAST, Level
+from gpvo.tracking.klt.patch_kernels import FAST, Level, centre, copy_patch, dot
 
 Points = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -60,13 +60,13 @@ def search_kernel(
 ) -> None:
     """Move the columns of points (N, 2) by the disparity, and mark those that are found (N,)."""
     side, first, last = 2 * RADIUS + 1, border - RADIUS, left.shape[1] - 1 - border - RADIUS
-    template, sums = np.empty((side, side), np.float32), np.empty((3, reach + 1), np.float32)
+    patches, sums = np.empty((2, side * side), np.float32), np.empty((3, reach + 1), np.float32)
     for i in range(len(points)):
         start = min(first + int(np.rint(points[i, 0] * scale)), last)
         top, farthest = first + int(np.rint(points[i, 1] * scale)), min(reach, start - first)
-        disparity = _most_alike(left, start, top, right, -1, farthest, template, sums)
+        disparity = _most_alike(left, start, top, right, -1, farthest, patches, sums)
         end, farthest = start - disparity, min(reach, last - start + disparity)
-        back = _most_alike(right, end, top, left, 1, farthest, template, sums)
+        back = _most_alike(right, end, top, left, 1, farthest, patches, sums)
         found[i] = abs(back - disparity) <= 1
         ends[i, 0] = points[i, 0] - disparity / scale
 
@@ -79,12 +79,12 @@ def _most_alike(
     other: Level,
     step: int,
     farthest: int,
-    template: Level,
+    patches: Level,
     sums: Level,
 ) -> int:
     """Return how many steps from (column, row) the patch there is in the other image."""
     begin, alike, count = min(column, column + step * farthest), sums[0], farthest + 1
-    _correlate(image, column, row, other, begin, count, template, sums)
+    _correlate(image, column, row, other, begin, count, patches, sums)
     best, steps = 0.0, 0
     for k in range(count):
         one = alike[k] if step > 0 else alike[farthest - k]
@@ -92,23 +92,6 @@ def _most_alike(
         if one > (best if same_peak else best + NEARER):
             best, steps = float(one), k
     return steps
-
-
-@kernel
-def _centred(image: Level, column: int, row: int, template: Level) -> float:
-    """Copy a patch without its mean; return the sum of its squares."""
-    side = len(template)
-    total = np.float32(0)
-    for y in range(side):
-        for x in range(side):
-            template[y, x] = image[row + y, column + x]
-            total += template[y, x]
-    mean, squares = total / np.float32(side * side), np.float32(0)
-    for y in range(side):
-        for x in range(side):
-            template[y, x] -= mean
-            squares += template[y, x] * template[y, x]
-    return float(squares)
 
 
 @njit(**KERNEL, fastmath=FAST)
@@ -119,23 +102,26 @@ def _correlate(
     other: Level,
     first: int,
     count: int,
-    template: Level,
+    patches: Level,
     sums: Level,
 ) -> None:
     """Compute the zero-mean normalised cross-correlations of a patch with those of another image.
 
     The patch begins at (column, row), the others at so many columns from the first on. `sums`
-    (3, D) has the correlations in its first row.
+    (3, D) has the correlations in its first row. The two patches are to work in.
     """
-    contrast = _centred(image, column, row, template)
-    side, n = np.uint64(len(template)), np.uint64(count)
+    size, template = 2 * RADIUS + 1, patches[1]
+    copy_patch(image, float(column), float(row), size, size, patches[0])
+    centre(patches[0], size, size, template)
+    contrast = dot(template, template)
+    side, n = np.uint64(size), np.uint64(count)
     top, left = np.uint64(row), np.uint64(first)  # no negative indices
     products, totals, squares = sums[0], sums[1], sums[2]
     for k in range(n):
         products[k] = totals[k] = squares[k] = 0
     for y in range(side):
         for x in range(side):
-            weight = template[y, x]
+            weight = template[y * side + x]
             for k in range(n):
                 value = other[top + y, left + x + k]
                 products[k] += weight * value

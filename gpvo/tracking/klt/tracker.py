@@ -166,7 +166,7 @@ class KltTracker:
         left, alike = self._match_drifted(frame, lost.anchors, there[:, :2].astype(np.float32))
         known = np.flatnonzero(alike >= self._config.anchor_correlation)
         lost, there, left, alike = lost[known], there[known], left[known], alike[known]
-        right, found = self._in_right(frame, left, left - _shift(there))
+        right, found = self._in_right(frame, left, left - _shift(there), FINE)
         change = np.abs(left[:, 0] - right[:, 0] - there[:, 2])
         found &= change < 0.5 * self._config.search_tolerance
         index = self._spaced(left, alike, found, frame)
@@ -220,27 +220,25 @@ class KltTracker:
 
     def _in_stereo(self, left: Points, frame: Frame) -> Frame:
         """Make landmarks of the left features (N, 2) that have a match in the right image."""
-        right, new = self._in_right(frame, left)
+        guess, known = search_rows(frame.left_image, frame.right_image, left)
+        left, guess = left[known], guess[known]
+        right, new = self._in_right(frame, left, guess, self._config.pyramid_levels)
         landmark = self._landmark_count + np.arange(new.sum())
         self._landmark_count += len(landmark)
         return frame.anchored(landmark, left[new], right[new])
 
     def _in_right(
-        self, frame: Frame, left: Points, guess: Points | None = None
+        self, frame: Frame, left: Points, guess: Points, coarser: int
     ) -> tuple[Points, Mask]:
         """Return the right points (N, 2) of left ones, and which lead back and are stereo.
 
-        A guess is within a pixel or two; without one they are searched along their rows.
+        The search begins at the guess (N, 2), at most `coarser` levels above the image.
         """
         images = frame.left_image, frame.right_image
-        if guess is None:
-            (guess, known), coarser = search_rows(*images, left), self._config.pyramid_levels
-        else:
-            known, coarser = np.ones(len(left), np.bool_), FINE
         right, found = match_patches(*images, left, guess, coarser)
         back, found_back = match_patches(*images[::-1], right, right + (left - guess), coarser)
         closed = np.linalg.norm(back - left, axis=1) < self._config.closure_tolerance
-        return right, known & found & found_back & closed & self._is_stereo(frame, left, right)
+        return right, found & found_back & closed & self._is_stereo(frame, left, right)
 
     def _is_stereo(self, frame: Frame, left: Points, right: Points) -> Mask:
         images = frame.left_image.image, frame.right_image.image
