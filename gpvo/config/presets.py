@@ -9,7 +9,7 @@ AUTO: dict[str, Any] = {
     "noise": {
         "measurement_information": [4.0, 4.0, 7.0],
         "track_drift": 1.0,
-        "known_again": 2.0,
+        "known_again": 1.5,
         "motion_memory": 1.0,
         "measurement_memory": 5.0,
     },

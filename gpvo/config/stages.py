@@ -228,11 +228,11 @@ class CompensationConfig(StageConfig):
         "patch that is tracked.",
     )
     lag: float = Field(
-        default=0.2,
+        default=0.38,
         ge=0,
-        description="How far contours are seen behind where they are, pixels: half of the contrast "
-        "threshold over the gradient of the logarithmic brightness. Observations are moved ahead "
-        "by it; 0 leaves them.",
+        description="How far contours are seen behind where they are in clusters of usual length, "
+        "pixels: half of the contrast threshold over the gradient of the logarithmic brightness. "
+        "Observations are moved ahead by it; 0 leaves them.",
     )
 
 

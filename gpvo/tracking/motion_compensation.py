@@ -123,6 +123,7 @@ class MotionCompensation:
         self.at_rest = False
         self._moving: tuple[CompensatedImage, ...] = ()
         self._recent: Observations | None = None
+        self._waiting: Observations | None = None
         self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN
         self._lag = ContourLag(config.lag)
         self._full_count: deque[float] = deque(maxlen=USUAL)
@@ -171,11 +172,13 @@ class MotionCompensation:
     def timed(self, seen: Observations) -> Observations:
         """Move observations from the pictures to the mean times of their events; add the times.
 
-        There they are moved ahead by the contours' lag. Disparities stay those of the pictures,
-        because both pictures have the same reference time.
+        There they are moved ahead by the contours' lag. The second cluster tells it: the first
+        observations come with those of the second. Disparities stay those of the pictures, because
+        both pictures have the same reference time.
         """
         self._remember(seen)
         self._learn_flows()
+        seen = self._with_waiting(seen)
         left, times = seen.left.copy(), np.empty((len(seen), 2))
         oldest = self._frame_count - len(self._images)
         for number, (left_image, right_image) in enumerate(self._images, oldest):
@@ -188,6 +191,14 @@ class MotionCompensation:
             )
             left[now] += self._lag.ahead(seen.left[now])
         return replace(seen, left=left, right=seen.right + left - seen.left, own_times=times)
+
+    def _with_waiting(self, seen: Observations) -> Observations:
+        """Let observations wait for the next cluster while the lag is not known."""
+        if self._waiting is not None:
+            seen, self._waiting = Observations.concatenate([self._waiting, seen]), None
+        elif not self._lag.is_known and len(seen):
+            seen, self._waiting = seen[:0], seen
+        return seen
 
     def _remember(self, seen: Observations) -> None:
         """Keep the observations of the two latest clusters."""

@@ -47,8 +47,9 @@ class Tracklets:
         self._clusters.append((newest, cluster))
         self._cluster_count += 1
         seen = observations.frame == newest
+        latest = self._shown[-1] if self._shown else -1
+        self._shown.extend(np.unique(observations.frame[observations.frame > latest]).tolist())
         if seen.any():
-            self._shown.append(newest)
             self._keep(self._measurements.frame >= self._shown[0])
         frames = {newest, *observations.frame.tolist()}
         shown = [(number, shown) for number, shown in self._clusters if number in frames]

@@ -6,15 +6,18 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given as tried
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from shown_events import shown
 
-from gpvo.config.stages import CompensationConfig
+from gpvo.config.stages import CompensationConfig, TrackletConfig
 from gpvo.events import StereoCluster
 from gpvo.tracking import Observations
-from gpvo.tracking.contour_lag import ContourLag
+from gpvo.tracking.contour_lag import FARTHEST, USUAL, ContourLag
 from gpvo.tracking.event_sums import Flow
 from gpvo.tracking.motion_compensation import MotionCompensation
+from gpvo.tracking.tracklets import Tracklets
 
 WAVELENGTH, AMPLITUDE = 10.0, 0.6
 
@@ -47,16 +50,40 @@ def test_the_events_of_a_slope_come_late_by_half_a_threshold(threshold: float) -
     assert brightness.mean() == pytest.approx(threshold / 2, rel=0.15)
 
 
+def ahead(lag: ContourLag) -> NDArray[np.float64]:
+    (found,) = lag.ahead(np.zeros((1, 2)))
+    return found
+
+
 def test_the_lag_turns_with_the_way_and_not_with_the_time() -> None:
     lag = ContourLag(0.3)
-    lag.follow(flow(50.0, 0.0), 1.0)
-    np.testing.assert_allclose(lag.ahead(np.zeros((1, 2))), [[0.3, 0.0]], atol=1e-6)
+    for _ in range(3):  # clusters of the usual length
+        lag.follow(flow(50 * USUAL, 0.0), 1 / 50)
+    np.testing.assert_allclose(ahead(lag), [0.3, 0.0], atol=1e-6)
     lag.follow(flow(-0.1, 0.0), 1.0)  # a tenth of a pixel: it does not turn round at once
-    assert 0.1 < lag.ahead(np.zeros((1, 2)))[0, 0] < 0.3
+    assert 0.1 < ahead(lag)[0] < 0.3
     lag.follow(flow(0.0, 0.0), 100.0)
-    assert 0.1 < lag.ahead(np.zeros((1, 2)))[0, 0] < 0.3
-    lag.follow(flow(0.0, -400.0), 0.1)
-    np.testing.assert_allclose(lag.ahead(np.zeros((1, 2))), [[0.0, -0.3]], atol=1e-6)
+    assert 0.1 < ahead(lag)[0] < 0.3
+    for _ in range(3):
+        lag.follow(flow(0.0, -10 * USUAL), 0.1)
+    np.testing.assert_allclose(ahead(lag), [0.0, -0.3], atol=1e-6)
+
+
+@tried(st.floats(0.01, 0.2), st.floats(0, 2 * np.pi), st.floats(5.0, 400.0))
+def test_the_lag_follows_the_way_of_a_cluster(dt: float, angle: float, speed: float) -> None:
+    """Eight times the way has twice the lag, whatever the speed and the direction."""
+    direction, sizes = np.array([np.cos(angle), np.sin(angle)]), []
+    for way in (USUAL / 2, 4 * USUAL):
+        lag = ContourLag(0.3)
+        for _ in range(40):
+            lag.follow(flow(*(speed * direction)), way / speed)
+        sizes.append(ahead(lag) @ direction)
+        np.testing.assert_allclose(ahead(lag), sizes[-1] * direction, atol=1e-5)
+    assert sizes[1] == pytest.approx(2 * sizes[0], rel=1e-3)
+    far, farther = ContourLag(0.3), ContourLag(0.3)
+    far.follow(flow(FARTHEST / dt, 0.0), dt)
+    farther.follow(flow(1000 * FARTHEST / dt, 0.0), dt)
+    np.testing.assert_allclose(ahead(far), ahead(farther), rtol=1e-5)
 
 
 def test_without_motion_nothing_is_known_of_the_lag() -> None:
@@ -66,18 +93,45 @@ def test_without_motion_nothing_is_known_of_the_lag() -> None:
 def test_observations_are_moved_ahead_by_the_lag() -> None:
     motion, count = np.array([40.0, 30.0]), 12
     places = np.random.default_rng(3).uniform([15, 12], [65, 48], (count, 2))
-    moved = []
+    given, step = [], USUAL / np.linalg.norm(motion)  # clusters of the usual length
     for lag in (0.0, 0.25):
         compensation = MotionCompensation(CompensationConfig(lag=lag), frames=3)
+        parts = []
         for number in range(3):
-            t = 0.06 * number + np.repeat([0.02, 0.03, 0.04], count)
+            t = step * (number + np.repeat([0.4, 0.5, 0.6], count))
             events = shown(np.tile(places, (3, 1)) + t[:, None] * motion, t, (60, 80))
-            cluster = StereoCluster(0.06 * number, 0.06 * (number + 1), events, events)
+            cluster = StereoCluster(step * number, step * (number + 1), events, events)
             compensation.pictures(cluster)
-            seen = places + (0.06 * number + 0.03) * motion
+            seen = places + step * (number + 0.5) * motion
             numbers = np.arange(count), np.full(count, number)
-            moved.append(compensation.timed(Observations(*numbers, seen, seen - [5.0, 0.0])))
-    without, with_lag = moved[2], moved[5]
-    ahead = np.tile(0.25 * motion / np.linalg.norm(motion), (count, 1))
-    np.testing.assert_allclose(with_lag.left - without.left, ahead, atol=1e-3)
+            parts.append(compensation.timed(Observations(*numbers, seen, seen - [5.0, 0.0])))
+        # The first wait for the second cluster, which tells the motion, if it must be known.
+        assert [len(part) for part in parts] == [count * n for n in ((1, 1, 1), (0, 2, 1))[lag > 0]]
+        given.append(Observations.concatenate(parts))
+    without, with_lag = given
+    np.testing.assert_array_equal(with_lag.landmark, without.landmark)
+    np.testing.assert_array_equal(with_lag.frame, without.frame)
+    ahead = np.tile(0.25 * motion / np.linalg.norm(motion), (3 * count, 1))
+    np.testing.assert_allclose(with_lag.left - without.left, ahead, atol=5e-3)
     np.testing.assert_allclose(with_lag.disparity, without.disparity, atol=1e-9)
+    np.testing.assert_allclose(with_lag.times, without.times, atol=1e-4)
+
+
+def test_tracklets_begin_with_observations_that_waited() -> None:
+    """Observations of the cluster before belong to the history like those of the newest."""
+    nothing = np.empty((0, 2))
+    tracklets = Tracklets(TrackletConfig(min_length=1.0, history=2))
+    events = shown(nothing, np.empty(0), (60, 80))
+    place, step, one = np.array([[40.0, 30.0]]), np.array([[2.0, 0.0]]), np.array([0])
+
+    def seen(number: int) -> Observations:
+        left, times = place + number * step, np.full((1, 2), 0.05 * number)
+        return Observations(one, one + number, left, left - [5.0, 0.0], times)
+
+    given = [seen(0)[:0], Observations.concatenate([seen(0), seen(1)]), seen(2)]
+    for number, observations in enumerate(given):
+        cluster = StereoCluster(0.05 * number, 0.05 * (number + 1), events, events)
+        tracklets.add(cluster, observations)
+        earlier, later = tracklets.pairs(span=4)
+        assert later.frame.tolist() == ([] if number == 0 else [number])
+        assert earlier.frame.tolist() == [[], [0], [1]][number]  # two clusters are remembered
