@@ -62,7 +62,8 @@ class CompensatedImage:
         (height, width, 2) number of events of each pixel, and sum of their times after the
         reference time, seconds. Each event is shared among the four pixels around it.
     picture
-        (height, width) 255 (1 - exp(-number of events)).
+        (height, width) 255 (1 - exp(-events)) of the events of each pixel of the sensor, on average
+        over those of a pixel, so that pictures are as bright at half the resolution.
     """
 
     reference: float
@@ -79,7 +80,7 @@ class CompensatedImage:
         sums = np.zeros((height // side, width // side, 2), np.float32)
         events, fine = image.events, fine_flow(flow)
         add_events(events.x, events.y, events.t, image.table, side, reference, fine, sums)
-        absent = np.exp(-sums[..., 0])
+        absent = np.exp(-sums[..., 0] / np.float32(side**2))
         picture = np.asarray(cv2.convertScaleAbs(absent, alpha=-255, beta=255), np.uint8)
         return CompensatedImage(reference, flow, sums, picture)
 

@@ -180,11 +180,13 @@ def test_a_stream_that_begins_at_rest_shows_nothing_until_something_moves(count:
 
 
 def test_half_resolution_pictures_are_those_of_events_in_larger_pixels() -> None:
+    """They are as bright where each of the four pixels of the sensor has as many events."""
     rng = np.random.default_rng(0)
     t = np.sort(rng.uniform(0, 0.06, 3000))
     points = rng.integers(8, 300, (3000, 2)) / 4.0  # exact at both resolutions
     small = shown(points, t, SHAPE)
-    large = shown(to_full_resolution(points, 2), t, (2 * SHAPE[0], 2 * SHAPE[1]))
+    four = np.repeat(to_full_resolution(points, 2), 4, axis=0), np.repeat(t, 4)
+    large = shown(*four, (2 * SHAPE[0], 2 * SHAPE[1]))
     full = MotionCompensation(CompensationConfig(), frames=2)
     half = MotionCompensation(CompensationConfig(), frames=2, side=2)
     pictures = half.pictures(StereoCluster(0.0, 0.06, large, large))

@@ -145,18 +145,19 @@ def test_half_resolution_pixels_are_the_centre_of_four() -> None:
     np.testing.assert_array_equal(to_full_resolution(four, 1), four)
 
 
-def events_of(image: Image, side: int, each_pixel: bool) -> ClusterEvents:
-    """Make the events of a picture that is shown `side` times as large.
+def events_of(image: Image, side: int, each_pixel: bool, t: float) -> ClusterEvents:
+    """Make the events, all at time t, of a picture that is shown `side` times as large.
 
-    They are at each pixel, or three in the middle of each white pixel of the picture.
+    They are at each pixel, or in the middle of each white pixel of the picture, one for each of
+    the sensor's pixels in it.
     """
     if each_pixel:
         large = np.kron(image, np.ones((side, side), np.uint8))
-        return of_surface(np.where(large > 0, 0.05, -np.inf))
+        return of_surface(np.where(large > 0, t, -np.inf))
     points = to_full_resolution(np.argwhere(image)[:, ::-1].astype(np.float64), side)
-    points = np.repeat(points, 3, axis=0)
+    points = np.repeat(points, side**2, axis=0)
     height, width = image.shape
-    return shown(points, np.full(len(points), 0.05), (side * height, side * width))
+    return shown(points, np.full(len(points), t), (side * height, side * width))
 
 
 @pytest.mark.parametrize("image", ["binary", "motion_compensated"])
@@ -169,12 +170,13 @@ def test_half_the_resolution_of_a_picture_twice_as_large_is_the_picture(image: s
     found = 0
     for frame in range(3):
         start = FRAME * frame
+        t = start + FRAME / 2 + 1 / 64  # sums of such times are exact
         one, two = (
             small_or_large.track(
                 StereoCluster(
                     start,
                     start + FRAME,
-                    *(events_of(one, side, image == "binary") for one in images("side", frame)),
+                    *(events_of(one, side, image == "binary", t) for one in images("side", frame)),
                 )
             )
             for small_or_large, side in ((small, 1), (large, 2))
