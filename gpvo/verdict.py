@@ -23,7 +23,7 @@ RARE = 0.05
 MOSTLY = 0.5
 """Share of the time from which a trajectory is mostly dead reckoning."""
 START_UP = 0.5
-"""Seconds in which the first landmarks should be found."""
+"""Seconds of motion in which the first landmarks should be found."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,8 @@ def verdict(
         lost = f"{100 * share:.0f} % of the time is dead reckoning: {_listed(stretches)}{known}"
         reasons: tuple[str, ...] = (lost, *wrong, *harm)
     else:
-        reasons = (*wrong, *_reasons(stretches, whole, reports[0].start, known), *harm)
+        moved = next((one.start for one in reports if not one.at_rest), reports[0].start)
+        reasons = (*wrong, *_reasons(stretches, whole, moved, known), *harm)
     word: Word = "failed" if wrong or share >= MOSTLY else "degraded" if reasons else "good"
     return Verdict(word, reasons, share, stretches, deviation, tuple(faults))
 

@@ -61,6 +61,20 @@ def test_a_first_cluster_without_inliers_is_no_fault() -> None:
     assert verdict(reports([0, 0] + [150] * 60)).word == "good"
 
 
+@pytest.mark.parametrize(("count", "word"), [(4, "good"), (11, "degraded")])
+def test_the_first_landmarks_are_those_of_the_first_motion(count: int, word: str) -> None:
+    """A camera at rest shows none."""
+    still = TrackingReport(0, 0, 0, 0, at_rest=True)
+    resting = [replace(one, tracking=still) for one in reports([0] * 20)]
+    began = [
+        replace(one, start=one.start + 1.0, stop=one.stop + 1.0)
+        for one in reports([0] * count + [150] * 20)
+    ]
+    found = verdict(resting + began)
+    assert found.word == word and verdict(began).word == word
+    assert found.reasons == verdict(began).reasons
+
+
 @pytest.mark.parametrize(
     ("inliers", "seen"),
     [

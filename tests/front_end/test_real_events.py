@@ -61,13 +61,16 @@ def box_clusters(window: float) -> Iterator[tuple[StereoCluster, NDArray[np.floa
 
 def box_disparity_errors(tracking: TrackingConfig, window: float = 0.1) -> NDArray[np.float64]:
     """Compute the disparity errors, where the truth is the median of the events within 7 pixels."""
-    tracker, errors = MultiResolutionTracker(tracking), [np.empty(0)]
-    for cluster, truth in box_clusters(window):
-        seen = tracker.track(cluster)
-        if len(truth) and len(seen):
-            around = cKDTree(truth[:, :2]).query_ball_point(seen.left, 7, p=np.inf)
-            true = [np.median(truth[near, 2]) if near else np.nan for near in around]
-            errors.append(seen.disparity - np.array(true))
+    tracker, errors, truths = MultiResolutionTracker(tracking), [np.empty(0)], []
+    for cluster, truth_now in box_clusters(window):
+        truths.append(truth_now)
+        found = tracker.track(cluster)
+        for frame in np.unique(found.frame):  # the first observations come a cluster later
+            seen, truth = found[found.frame == frame], truths[frame]
+            if len(truth):
+                around = cKDTree(truth[:, :2]).query_ball_point(seen.left, 7, p=np.inf)
+                true = [np.median(truth[near, 2]) if near else np.nan for near in around]
+                errors.append(seen.disparity - np.array(true))
     joined = np.concatenate(errors)
     return joined[np.isfinite(joined)]
 
