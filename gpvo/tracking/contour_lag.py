@@ -31,13 +31,12 @@ FARTHEST = 20.0
 class ContourLag:
     """Lag of contours at each place of an image, which follows the image motion.
 
-    `lag` is its size where clusters move by the USUAL way, pixels. It `is_known` once a motion was.
+    `lag` is its size where clusters move by the USUAL way, pixels.
     """
 
     def __init__(self, lag: float) -> None:
         self._lag = lag
         self._behind: Flow = np.zeros((1, 1, 2), np.float32)
-        self.is_known = lag == 0
 
     def follow(self, flow: Flow, dt: float) -> None:
         """Turn the lag by the image motion (rows, columns, 2), pixels per second, of a cluster.
@@ -49,7 +48,6 @@ class ContourLag:
         lag = self._lag * np.cbrt(np.minimum(way, FARTHEST) / USUAL) / speed * flow
         turned = 1 - np.exp(-way / WAY)
         self._behind = np.asarray(self._behind + turned * (lag - self._behind), np.float32)
-        self.is_known = True
 
     def ahead(self, points: Array) -> Array:
         """Return the way (N, 2) from contours that are seen at points (N, 2) to where they are."""

@@ -62,8 +62,8 @@ class CompensatedImage:
         (height, width, 2) number of events of each pixel, and sum of their times after the
         reference time, seconds. Each event is shared among the four pixels around it.
     picture
-        (height, width) 255 (1 - exp(-events)) of the events of each pixel of the sensor, on average
-        over those of a pixel, so that pictures are as bright at half the resolution.
+        (height, width) 255 (1 - exp(-events per pixel of the sensor)), as bright at half the
+        resolution as at the full one.
     """
 
     reference: float
@@ -80,7 +80,7 @@ class CompensatedImage:
         sums = np.zeros((height // side, width // side, 2), np.float32)
         events, fine = image.events, fine_flow(flow)
         add_events(events.x, events.y, events.t, image.table, side, reference, fine, sums)
-        absent = np.exp(-sums[..., 0] / np.float32(side**2))
+        absent = np.exp(np.float32(-1 / side**2) * sums[..., 0])
         picture = np.asarray(cv2.convertScaleAbs(absent, alpha=-255, beta=255), np.uint8)
         return CompensatedImage(reference, flow, sums, picture)
 
@@ -194,10 +194,10 @@ class MotionCompensation:
         return replace(seen, left=left, right=seen.right + left - seen.left, own_times=times)
 
     def _with_waiting(self, seen: Observations) -> Observations:
-        """Let observations wait for the next cluster while the lag is not known."""
+        """Let observations wait for the next cluster until the motion tells their lag."""
         if self._waiting is not None:
             seen, self._waiting = Observations.concatenate([self._waiting, seen]), None
-        elif not self._lag.is_known and len(seen):
+        elif self._config.lag > 0 and self._flows[0] is UNKNOWN and len(seen):
             seen, self._waiting = seen[:0], seen
         return seen
 

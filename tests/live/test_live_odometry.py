@@ -143,7 +143,7 @@ def test_latest_after_a_break_is_uncertain_by_the_break_too() -> None:
         sides = (raw(side.between(start, start + 0.2)) for side in (room().left, room().right))
         live.push(*((x, y, t + shift_us, polarity) for x, y, t, polarity in sides))
         live.interrupted()
-    trajectory, latest = live.trajectory(), live.latest()
+    trajectory, latest = live.close(), live.latest()
     assert trajectory is not None and latest is not None
     covariance = trajectory.covariance(latest.t)
     np.testing.assert_allclose(latest.covariance, covariance, rtol=1e-6, atol=1e-15)
