@@ -70,6 +70,14 @@ class GraphUpdate:
             self.stamps[X(state)] = self.stamps[V(state)] = t
 
 
+def graph_of(factors: Iterable[gtsam.NonlinearFactor]) -> gtsam.NonlinearFactorGraph:
+    """Return a graph of factors."""
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in factors:
+        graph.push_back(factor)
+    return graph
+
+
 def insert_states(values: gtsam.Values, numbers: Sequence[int], states: States) -> None:
     """Insert states with these numbers (K,): X(k), a Pose3, and V(k)."""
     for k, T, twist in zip(numbers, states.T_world_cam, states.twist, strict=True):

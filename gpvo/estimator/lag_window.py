@@ -24,7 +24,7 @@ from gpvo.estimator.isam2 import (
 from gpvo.estimator.own_factors import OwnFactors, factors_that_leave
 from gpvo.estimator.state_times import SAME_TIME
 from gpvo.estimator.window_knots import WindowKnots, joint_covariances
-from gpvo.estimator.window_landmarks import WindowLandmarks, merged_states
+from gpvo.estimator.window_landmarks import Marginalised, WindowLandmarks, merged_states
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.covariance_knots import CovarianceKnots
@@ -39,13 +39,15 @@ GUESSED_STEPS = 4
 class Leaving:
     """States that the next update marginalises: `count` key states, those before a time, seconds.
 
-    With the states between, and their covariance knots.
+    With the states between, their covariance knots, and what is left of their measurements; None if
+    that is to be found by the update.
     """
 
     before: float
     count: int
     states: States
     knots: CovarianceKnots
+    landmarks: Marginalised | None
 
 
 class LagWindow:
@@ -93,6 +95,7 @@ class LagWindow:
         self.landmarks = WindowLandmarks(build)
         self.knots = WindowKnots(build.config.covariance_interval)
         self._leave_before, self._leaving, self._old = -np.inf, 0, States()
+        self._left: Marginalised | None = None
         self._smoother = KeyStateSmoother()
 
     def __len__(self) -> int:
@@ -154,11 +157,33 @@ class LagWindow:
         before = min(before, self.keys.t[-1])
         count = self.numbered.before(before - SAME_TIME)
         states = self.states_until(count)
-        return Leaving(before, count, states, self.knots_of(states))
+        return Leaving(before, count, states, self.knots_of(states), self._marginalised(count))
+
+    def _marginalised(self, leaving: int) -> Marginalised | None:
+        """Marginalise the measurements next to states that leave; None without any, or if it fails.
+
+        The update that fails, too, is solved again.
+        """
+        if leaving == 0:
+            return None
+        try:
+            others = factors_that_leave(self._factors_of_motion(), self.numbered, leaving)
+            return self.landmarks.marginalised(self.numbered, leaving, others)
+        except self.own.failures:
+            return None
+
+    def _factors_of_motion(self) -> list[gtsam.NonlinearFactor]:
+        """Return GTSAM's factors except that of the landmarks."""
+        graph = self.factors
+        numbered = ((i, graph.at(i)) for i in range(graph.size()))
+        return [
+            factor for i, factor in numbered if factor is not None and i != self.landmarks.index
+        ]
 
     def let_leave(self, leaves: Leaving) -> None:
         """Marginalise states at the next update, and keep their covariances."""
         self._leave_before, self._leaving, self._old = leaves.before, leaves.count, leaves.states
+        self._left = leaves.landmarks
         self.knots.extend(leaves.knots)
 
     def begin(self, update: GraphUpdate, t: float, velocity: VelocityFit | None) -> None:
@@ -183,11 +208,16 @@ class LagWindow:
         RuntimeError, IndexError, ValueError
             If that fails; a factor of a user's own raises what it likes.
         """
-        leaving = self._leaving
-        others = factors_that_leave(
-            self.factors, update, self.numbered, leaving, self.landmarks.index
-        )
-        self.landmarks.add_to(update, self.numbered, new, leaving, others)
+        leaving, left = self._leaving, self._left
+        self.landmarks.add(new)
+        if leaving:
+            own = factors_that_leave(update.factors, self.numbered, leaving)
+            is_late = bool((new.t < self.keys.t[leaving]).any())
+            if left is None or own or is_late:
+                others = factors_that_leave(self._factors_of_motion(), self.numbered, leaving)
+                given = self.numbered, leaving, [*others, *own]
+                left = self.landmarks.marginalised(*given, is_known=not is_late)
+        self.landmarks.follow(update, self.numbered.after(leaving), left)
 
     def solve(self, update: GraphUpdate) -> States:
         """Update GTSAM's smoother, take over its estimate; return the states that are final now.
@@ -236,7 +266,8 @@ class LagWindow:
 
     def _leave(self, stays: States) -> None:
         """Begin the window at the first key state that stays."""
-        self.first, self.keys, self._leaving = self.first + self._leaving, stays, 0
+        self.first, self.keys = self.first + self._leaving, stays
+        self._leaving, self._left = 0, None
         self.own.keep({key(k) for k in self.numbers for key in (X, V)})
         self._reckoning.forget(float(stays.t[0]))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import gtsam
@@ -13,6 +14,7 @@ from factors.checks import checked_key, checked_number, key_name
 from factors.inner_factor import InnerFactor
 from gpvo.estimator.diagnostics import Diagnostic
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
+from gpvo.estimator.isam2 import FAILURES
 
 LEFT_OUT = "factor of your own left out"
 
@@ -75,6 +77,11 @@ class OwnFactors:
         self.active: list[gtsam.NonlinearFactor] = []
         self.used = False
 
+    @property
+    def failures(self) -> tuple[type[Exception], ...]:
+        """What may be raised where factors are used: those of a user's own raise what they like."""
+        return (Exception,) if self.active else FAILURES
+
     def add_to(self, update: GraphUpdate, window: NumberedStates) -> list[Diagnostic]:
         """Add the waiting factors to an update; return a diagnostic for each one that fails."""
         if not self.new:
@@ -113,29 +120,16 @@ class OwnFactors:
 
 
 def factors_that_leave(
-    in_graph: gtsam.NonlinearFactorGraph,
-    update: GraphUpdate,
-    window: NumberedStates,
-    leaving: int,
-    except_for: int | None,
-) -> gtsam.NonlinearFactorGraph:
+    factors: Iterable[gtsam.NonlinearFactor], window: NumberedStates, leaving: int
+) -> list[gtsam.NonlinearFactor]:
     """Return the factors between the first states, that leave, and the next one.
 
-    Those in GTSAM's graph, except the one with the index `except_for`, and those of the update.
     One that also touches a later state is left out: landmarks then know a little less.
     """
-    found = gtsam.NonlinearFactorGraph()
-    if leaving == 0:
-        return found
     outside = {key(k) for k in window.numbers[:leaving] for key in (X, V)}
-    inside = outside | {key(window.numbers[leaving]) for key in (X, V)}
-    numbered = ((i, in_graph.at(i)) for i in range(in_graph.size()))
-    known = [factor for i, factor in numbered if factor is not None and i != except_for]
-    for factor in (*known, *update.factors):
-        keys = set(factor.keys())
-        if keys & outside and keys <= inside:
-            found.push_back(factor)
-    return found
+    inside = outside | {key(k) for k in window.numbers[leaving : leaving + 1] for key in (X, V)}
+    keys = ((factor, set(factor.keys())) for factor in factors)
+    return [factor for factor, keys in keys if keys & outside and keys <= inside]
 
 
 def fault_of(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> tuple[str, str] | None:

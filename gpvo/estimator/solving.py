@@ -9,7 +9,6 @@ from gtsam.symbol_shorthand import X
 from factors.checks import key_name
 from gpvo.estimator.diagnostics import Diagnostic
 from gpvo.estimator.graph_update import GraphUpdate
-from gpvo.estimator.isam2 import FAILURES
 from gpvo.estimator.lag_window import LagWindow
 from gpvo.estimator.own_factors import LEFT_OUT as OWN_LEFT_OUT
 from gpvo.tracking.measurements import Measurements
@@ -84,14 +83,10 @@ class Solver:
         return False
 
     def _failure(self, call: Callable[[], None]) -> Exception | None:
-        """Make a call; return what went wrong if it fails.
-
-        A factor of a user's own raises what it likes.
-        """
-        expected = (Exception,) if self._own.active else FAILURES
+        """Make a call; return what went wrong if it fails."""
         try:
             call()
-        except expected as error:
+        except self._own.failures as error:
             return error
         return None
 

@@ -9,6 +9,7 @@ little, and tie the motion to where it was when they are found again.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import gtsam
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from factors import LandmarkPrior, StatesBetween, StructurelessStereoFactor, marginalize
 from factors.structureless.identities import are_in, increasing, repeated
 from gpvo.estimator.graph_builder import GraphBuilder
-from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
+from gpvo.estimator.graph_update import GraphUpdate, NumberedStates, graph_of
 from gpvo.estimator.state_times import SAME_TIME
 from gpvo.remembered import remembered
 from gpvo.tracking.measurements import Measurements
@@ -25,6 +26,26 @@ from gpvo.trajectory.states import States, bracket
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Marginalised:
+    """What is left of measurements next to states that leave.
+
+    Attributes
+    ----------
+    factors
+        Of the states that leave, and the first that stays.
+    prior
+        Of the landmarks, given that one.
+    lost
+        Identities of the landmarks that are remembered though they are not measured any more.
+    """
+
+    factors: list[gtsam.NonlinearFactor]
+    prior: LandmarkPrior
+    lost: Index
 
 
 class WindowLandmarks:
@@ -47,24 +68,20 @@ class WindowLandmarks:
         self.index: int | None = None
         """Where the factor is in GTSAM's graph."""
 
-    def add_to(
-        self,
-        update: GraphUpdate,
-        window: NumberedStates,
-        new: Measurements,
-        leaving: int,
-        others: gtsam.NonlinearFactorGraph,
-    ) -> None:
-        """Replace the factor by one of all measurements, except those next to states that leave.
+    def add(self, new: Measurements) -> None:
+        """Add measurements; the factor is as it was."""
+        self.measurements = Measurements.concatenate([self.measurements, new])
 
-        `leaving` is the number of these; `others` are the other factors on them.
-        """
-        if leaving:
-            self._let_go(update, window, new, leaving, others)
-        else:
-            self.measurements = Measurements.concatenate([self.measurements, new])
+    def follow(
+        self, update: GraphUpdate, window: NumberedStates, left: Marginalised | None
+    ) -> None:
+        """Replace the factor by one of all measurements in the window, after some `left` it."""
+        if left is not None:
+            update.add_factors(left.factors)
+            self._prior, self._lost = left.prior, left.lost
+            self.measurements = self.measurements[self.measurements.t >= window.states.t[0]]
         update.removed += [] if self.index is None else [self.index]
-        self._follow(update, window.after(leaving))
+        self._follow(update, window)
 
     def add_all_to(self, update: GraphUpdate, window: NumberedStates, forget: bool) -> None:
         """Add all measurements in the window to a new smoother; the prior may be forgotten."""
@@ -111,53 +128,52 @@ class WindowLandmarks:
             return None
         return self._factor.window.states_between(window.states.T_world_cam, window.states.twist)
 
-    def _let_go(
+    def marginalised(
         self,
-        update: GraphUpdate,
         window: NumberedStates,
-        new: Measurements,
         leaving: int,
-        others: gtsam.NonlinearFactorGraph,
-    ) -> None:
-        """Marginalise what was measured before the first state that stays."""
+        others: Sequence[gtsam.NonlinearFactor],
+        is_known: bool = True,
+    ) -> Marginalised:
+        """Marginalise what was measured before the first state that stays.
+
+        `leaving` is the number of states before it, `others` are the other factors on them. The
+        factor that GTSAM has is linearised already; it is used if it knows all measurements.
+
+        Raises
+        ------
+        RuntimeError, ValueError
+            If the states cannot be told apart; a factor of a user's own raises what it likes.
+        """
         start = window.states.t[leaving]
-        late = bool((new.t < start).any())
-        self.measurements = Measurements.concatenate([self.measurements, new])
-        stays = self.measurements.t >= start
-        # The factor that GTSAM has is linearised already, and knows all unless some came late.
         reaches = self._factor is not None and leaving < self._state_count
-        factor = self._factor if reaches and not late else self.factor_of(window)
-        if factor is not None:
-            number, tracked = factor.landmark_numbers, self.measurements.landmark[stays]
-            away = ~are_in(increasing(tracked), number)
-            lost = away & ~self._are_lost(number)
-            drift = self._drift(number, lost, start - window.states.t[0])
-            self._remember(number[lost], number[away])
-            kept = number[~away | self._are_lost(number)]
-            marginal = marginalize(factor, window.values(), leaving, others, kept, drift)
-            update.add_factors([marginal.factor])
-            self._prior = marginal.prior
-        self.measurements = self.measurements[stays]
+        factor = self._factor if reaches and is_known else self.factor_of(window)
+        if factor is None:
+            return Marginalised([], self._prior, self._lost)
+        number = factor.landmark_numbers
+        tracked = self.measurements.landmark[self.measurements.t >= start]
+        away, known_lost = ~are_in(increasing(tracked), number), are_in(np.sort(self._lost), number)
+        lost_now = away & ~known_lost
+        drift = self._drift(known_lost, lost_now, start - window.states.t[0])
+        lost = self._remembered(number[lost_now], number[away])
+        kept = number[~away | are_in(np.sort(lost), number)]
+        left = marginalize(factor, window.values(), leaving, graph_of(others), kept, drift)
+        return Marginalised([left.factor], left.prior, lost)
 
-    def _are_lost(self, number: Index) -> NDArray[np.bool_]:
-        """Tell which landmarks (L,) were lost, and are remembered."""
-        return are_in(np.sort(self._lost), number)
+    def _drift(self, lost: Mask, lost_now: Mask, duration: float) -> Array:
+        """(L, 3) standard deviations of what landmarks (L,) have moved in some seconds, pixels.
 
-    def _drift(self, number: Index, lost: NDArray[np.bool_], duration: float) -> Array:
-        """(L, 3) standard deviations of what landmarks have moved in some seconds, pixels.
-
-        A track walks at random on its landmark. One that is lost now (L,) may be found again
-        elsewhere on it, and stays what it is meanwhile.
+        A track walks at random on its landmark. One that is lost now may be found again elsewhere
+        on it, and stays what it is meanwhile.
         """
         walk = self._build.noise.track_drift * np.sqrt(duration)
-        jump = lost * self._build.noise.known_again
-        moves = ~self._are_lost(number)
-        return np.repeat(np.hypot(walk * moves, jump)[:, None], 3, axis=1)
+        jump = lost_now * self._build.noise.known_again
+        return np.repeat(np.hypot(walk * ~lost, jump)[:, None], 3, axis=1)
 
-    def _remember(self, lost: Index, away: Index) -> None:
-        """Remember landmarks that are lost now, and of the others still away."""
+    def _remembered(self, lost: Index, away: Index) -> Index:
+        """Return the landmarks that are lost now, and of the others those still away."""
         lost = np.concatenate([self._lost[are_in(away, self._lost)], lost])
-        self._lost = lost[remembered(lost, self._build.config.lost_landmarks)]
+        return lost[remembered(lost, self._build.config.lost_landmarks)]
 
     def _follow(self, update: GraphUpdate, window: NumberedStates) -> None:
         self._factor, self._state_count = self.factor_of(window), len(window.states)
