@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpvo import Configuration, LiveOdometry, Odometry, Trajectory
+from gpvo.live.load import Level
 from gpvo.live.session import LiveSession
 from gpvo.live.sources import RecordingPlayer
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
@@ -32,8 +33,8 @@ class LiveRun:
         (3,) median, 95 % and 99 %, seconds.
     shed
         Share of the events that were left out, from 0 to 1.
-    level
-        Highest level of shedding, 0 to 6; see `gpvo.live.load`.
+    worst
+        The most that was shed of each kind; see `gpvo.live.load`.
     error
         Largest distance of the path from that of a run without a clock, metres.
     """
@@ -41,7 +42,7 @@ class LiveRun:
     speed: float
     latency: tuple[float, float, float]
     shed: float
-    level: int
+    worst: Level
     error: float
 
     def row(self) -> str:
@@ -49,11 +50,12 @@ class LiveRun:
         median, most, nearly_all = (1e3 * each for each in self.latency)
         return (
             f"{self.speed:6g} {median:8.0f} {most:8.0f} {nearly_all:8.0f} {100 * self.shed:7.1f}"
-            f" {self.level:6d} {1e3 * self.error:10.1f}"
+            f" {self.worst.cluster_length:7.2f} {100 * self.worst.features:9.0f}"
+            f" {1e3 * self.error:9.1f}"
         )
 
 
-HEADER = " speed  50% ms  95% ms  99% ms  shed %  level  error mm"
+HEADER = " speed    50% ms   95% ms   99% ms  shed % longer features %  error mm"
 
 
 def live_run(recording: SimulatedRecording, speed: float, reference: Trajectory) -> LiveRun:

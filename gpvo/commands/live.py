@@ -34,7 +34,7 @@ from gpvo.errors import InputError
 from gpvo.evaluation.report.result_folder import claim_folder, new_folder
 from gpvo.evaluation.report.run_time import CostMeter
 from gpvo.live import LiveOdometry
-from gpvo.live.load import LEVELS
+from gpvo.live.load import Level
 from gpvo.live.recorder import Recorder
 from gpvo.live.session import LiveSession
 from gpvo.live.sources import SOURCES, RecordingPlayer, Source, is_camera, open_cameras
@@ -162,10 +162,10 @@ def _say(session: LiveSession) -> None:
         f" 99 % {nearly_all} ms"
     )
     load = session.load
-    if load.worst:
+    if load.worst != Level():
         console.print(
-            f"the computer could not keep up: all was tracked for {load.seconds[0]:.1f} s of"
-            f" {sum(load.seconds):.1f} s, at worst {LEVELS[load.worst]}; left out:"
+            f"the computer was busy: nothing was shed for {load.full_seconds:.1f} s of"
+            f" {load.seconds:.1f} s, at worst {load.worst}; left out:"
             f" {load.thinned:,} events by thinning, {load.discarded:,} that had waited too long",
             style="yellow",
         )

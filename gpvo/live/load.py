@@ -1,4 +1,4 @@
-"""Shedding of load when the computer cannot keep up: features, then clusters, then events."""
+"""What is given up when the computer cannot keep up: short clusters, features, and then events."""
 
 from __future__ import annotations
 
@@ -8,12 +8,21 @@ import numpy as np
 
 from gpvo.recordings.streams import EventBlock
 
-LATE = 0.06
-"""Latency from which an estimate is late, seconds; fewer features are the only cure."""
+BUSY = 0.75
+"""Share of the time that the work on clusters may take: with more, some wait for others."""
+MEMORY = 0.15
+"""Time over which that share is averaged, seconds."""
+LONGEST_CLUSTERS = 2.0
+"""Longest clusters, times the usual length."""
+LATE, EARLY = 0.07, 0.06
+"""Latency above which fewer features are tracked, and below which more are, seconds."""
+FEWER, MORE, FEWEST = 0.85, 1.04, 0.5
+"""Factors of the share of features that are tracked, cluster by cluster, and its least value."""
+
 CAUGHT_UP = 0.03
 """Age of what waits at which the computer has caught up, seconds; a cluster makes it older."""
 HURRY = 0.3
-"""Time of being late, or without having caught up, after which something is shed, seconds."""
+"""Time without having caught up after which more is shed, seconds."""
 OLD = 0.25
 """Age of what waits from which more is shed sooner, seconds."""
 PATIENCE, MOST_PATIENCE = 1.0, 20.0
@@ -30,102 +39,118 @@ class Level:
 
     Attributes
     ----------
-    features
-        Share of the features that are tracked.
     cluster_length
         Times the usual length of clusters.
+    features
+        Share of the features that are tracked.
     stride
         Of so many events one is used.
     """
 
-    features: float = 1.0
     cluster_length: float = 1.0
+    features: float = 1.0
     stride: int = 1
 
     def __str__(self) -> str:
         """Say what is shed, as in a sentence."""
-        said = [f"{self.features:.0%} of the features"] * (self.features < 1)
-        said += [f"clusters {self.cluster_length:g} times longer"] * (self.cluster_length > 1)
+        said = [f"clusters {self.cluster_length:.2g} times longer"] * (self.cluster_length > 1)
+        said += [f"{self.features:.0%} of the features"] * (self.features < 1)
         said += [f"one of {self.stride} events"] * (self.stride > 1)
         return ", ".join(said) or "nothing is shed"
 
+    def and_less(self, other: Level) -> Level:
+        """Return the level that sheds what either one does."""
+        return Level(
+            max(self.cluster_length, other.cluster_length),
+            min(self.features, other.features),
+            max(self.stride, other.stride),
+        )
 
-LEVELS = (
+
+BEHIND = (
     Level(),
-    Level(0.7),
-    Level(0.5),
-    Level(0.5, 1.5),
-    Level(0.5, 2.0),
-    Level(0.25, 2.0, 2),
-    Level(0.25, 2.0, 4),
+    Level(LONGEST_CLUSTERS, FEWEST),
+    Level(LONGEST_CLUSTERS, 0.25, 2),
+    Level(LONGEST_CLUSTERS, 0.25, 4),
 )
-"""What is shed, in this order."""
+"""What is shed at least, in this order, while events wait all the same."""
 
 
 class Load:
-    """How much is shed, by how long events wait and how late the estimates are.
+    """How much is shed, by how busy the computer is, how late estimates are, and how long events
+    wait.
+
+    Longer clusters are fewer: they cure work that takes most of the time, and cost little. Fewer
+    features make each cluster's work shorter: they cure late estimates. Where events wait even so,
+    both are given up at once, and then events.
 
     Attributes
     ----------
     thinned, discarded
         Numbers of events that were shed: some of many, and all of a time.
     worst
-        The highest level so far.
-    seconds
-        Time at each level.
+        The most that was shed of each kind so far.
+    full_seconds, seconds
+        Time in which nothing was shed, and all of it.
     """
 
     def __init__(self) -> None:
-        self.thinned = self.discarded = self.worst = 0
-        self.seconds = [0.0] * len(LEVELS)
-        self._level, self._patience, self._tried = 0, PATIENCE, -np.inf
+        self.thinned = self.discarded = 0
+        self.worst = Level()
+        self.seconds = self.full_seconds = 0.0
+        self._needed, self._features = 1.0, 1.0
+        self._behind, self._patience, self._tried = 0, PATIENCE, -np.inf
         self._now: float | None = None
-        self._caught_up = self._in_time = self._changed = 0.0
+        self._caught_up = self._changed = 0.0
 
     @property
     def level(self) -> Level:
         """What is shed now."""
-        return LEVELS[self._level]
+        length = min(max(self._needed, 1.0), LONGEST_CLUSTERS)
+        return Level(length, self._features).and_less(BEHIND[self._behind])
 
     @property
-    def is_full(self) -> bool:
-        """Nothing is shed."""
-        return self._level == 0
+    def is_behind(self) -> bool:
+        """Events wait."""
+        return self._behind > 0
 
-    @property
-    def _can_be_quicker(self) -> bool:
-        """Whether fewer features are the next thing to shed: longer clusters are not quicker."""
-        level = LEVELS[min(self._level + 1, len(LEVELS) - 1)]
-        return level.cluster_length == 1.0
+    def worked(self, seconds: float, length: float, latency: float) -> None:
+        """Take account of a cluster of some length: the time its work took, and its latency.
 
-    def update(self, age: float, latency: float, now: float) -> None:
-        """Take account of the time `now`, seconds.
-
-        `age` is that of what waits longest, `latency` that of the newest estimate.
+        All in seconds.
         """
+        usual = max(length, 1e-3) / self.level.cluster_length
+        needed = min(seconds / (BUSY * usual), 2 * LONGEST_CLUSTERS)
+        self._needed += min(1.0, length / MEMORY) * (needed - self._needed)
+        if latency > LATE:
+            self._features = max(FEWER * self._features, FEWEST)
+        elif latency < EARLY:
+            self._features = min(MORE * self._features, 1.0)
+        self.worst = self.worst.and_less(self.level)
+
+    def waited(self, age: float, now: float) -> None:
+        """Take account of the time `now` and the age of what waits longest, seconds."""
         if self._now is None:
-            self._now = self._caught_up = self._in_time = self._changed = now
-        self.seconds[self._level] += now - self._now
+            self._now = self._caught_up = self._changed = now
+        self.seconds += now - self._now
+        self.full_seconds += (now - self._now) * (self.level == Level())
         self._now = now
         if age < CAUGHT_UP:
             self._caught_up = now
-        if latency < LATE:
-            self._in_time = now
-        is_behind, is_late = now - self._caught_up > HURRY, now - self._in_time > HURRY
-        has_time = not is_late or self.level.cluster_length > 1
         unchanged = now - self._changed
-        if is_behind or (is_late and self._can_be_quicker):
+        if now - self._caught_up > HURRY:
             if unchanged > (HURRY if age < OLD else HURRY / 2):
                 self._shed_more(now)
-        elif unchanged > self._patience and has_time and not self.is_full:
+        elif unchanged > self._patience and self.is_behind:
             self._shed_less(now)
 
     def thin(self, block: EventBlock) -> EventBlock:
         """Return the share of a camera's events that is used, and count the others."""
-        if self.level.stride == 1:
+        stride = self.level.stride
+        if stride == 1:
             return block
         # By their numbers, so that the columns are contiguous: kernels are compiled for these.
-        thinned = block[np.arange(0, len(block), self.level.stride)]
+        thinned = block[np.arange(0, len(block), stride)]
         self.thinned += len(block) - len(thinned)
         return thinned
 
@@ -133,8 +158,8 @@ class Load:
         in_vain = now - self._tried < IN_VAIN
         self._patience = min(2 * self._patience, MOST_PATIENCE) if in_vain else PATIENCE
         self._tried = -np.inf
-        self._level, self._changed = min(self._level + 1, len(LEVELS) - 1), now
-        self.worst = max(self.worst, self._level)
+        self._behind, self._changed = min(self._behind + 1, len(BEHIND) - 1), now
+        self.worst = self.worst.and_less(self.level)
 
     def _shed_less(self, now: float) -> None:
-        self._level, self._changed, self._tried = self._level - 1, now, now
+        self._behind, self._changed, self._tried = self._behind - 1, now, now

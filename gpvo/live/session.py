@@ -121,6 +121,7 @@ class LiveSession:
         self.live, self.latency, self.load = live, Latency(), Load()
         self._repair, self._record = Repair(rig, live.right_offset), record
         self._source, self._missing = source, False
+        self._work, self._worked_until, self._noted = 0.0, 0.0, 0
         self._to_estimate: list[float] = []
         self._progress: Callable[[ClusterReport], None] = lambda _: None
         live.observe(self._estimated)
@@ -155,15 +156,24 @@ class LiveSession:
     def _has_time(self, packet: Packet) -> bool:
         """Shed more or less, by how long a packet has waited; False if it was too long."""
         now = time.perf_counter()
-        age, was_full = now - packet.arrival, self.load.is_full
-        self.load.update(age, self.latency.newest, now)
-        if was_full and not self.load.is_full:
-            log.warning("the computer cannot keep up: %s", self.load.level)
-        elif self.load.is_full and not was_full:
-            log.warning("keeping up again: all is tracked")
+        age, was_behind = now - packet.arrival, self.load.is_behind
+        self._note_work()
+        self.load.waited(age, now)
         level = self.load.level
+        if self.load.is_behind and not was_behind:
+            log.warning("the computer cannot keep up: %s", level)
+        elif was_behind and not self.load.is_behind:
+            log.warning("keeping up again: all events are used")
         self.live.odometry.relieve(level.features, level.cluster_length)
         return age <= LONGEST
+
+    def _note_work(self) -> None:
+        """Tell the load of the clusters that were estimated since the last call."""
+        count = len(self.latency.seconds)
+        if count > self._noted:
+            stop = self.live.reports[-1].stop
+            self.load.worked(self._work, stop - self._worked_until, self.latency.newest)
+            self._work, self._worked_until, self._noted = 0.0, stop, count
 
     def _received(self, packet: Packet) -> tuple[EventBlock, EventBlock]:
         """Repair a packet's events and keep them."""
@@ -181,6 +191,7 @@ class LiveSession:
 
     def _process(self, packets: list[Packet]) -> None:
         """Push packets together, but those after a gap apart."""
+        began = time.perf_counter()
         together: list[tuple[EventBlock, EventBlock]] = []
         for packet in packets:
             sides = self._received(packet)
@@ -193,6 +204,7 @@ class LiveSession:
                 self.latency.arrived(min(stamps), packet.arrival)
                 together.append(sides)
         self._push(together)
+        self._work += time.perf_counter() - began
 
     def _push(self, packets: list[tuple[EventBlock, EventBlock]]) -> None:
         if packets:

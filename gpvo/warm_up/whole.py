@@ -10,7 +10,9 @@ from gpvo.live.sources import RecordingPlayer
 from gpvo.simulation import SimulationConfig, simulate
 from gpvo.warm_up.beside import CompileBeside
 
-SIMULATED = SimulationConfig(duration=1.0, resolution=(120, 90), focal_length=80.0, noise_rate=2.0)
+SIMULATED = SimulationConfig(duration=1.5, resolution=(120, 90), focal_length=80.0, noise_rate=2.0)
+MISSING = slice(100, 220)
+"""Packets that are left out, so that landmarks are lost and found again."""
 
 
 def warm_up(configuration: Configuration) -> None:
@@ -22,7 +24,9 @@ def warm_up(configuration: Configuration) -> None:
 def _estimate(configuration: Configuration) -> None:
     recording = simulate(SIMULATED)
     live = LiveOdometry(recording.rig, configuration)
-    for packet in RecordingPlayer(recording, speed=1e3).packets():
+    packets = list(RecordingPlayer(recording, speed=1e3).packets())
+    del packets[MISSING]
+    for packet in packets:
         live.push(raw(packet.left), raw(packet.right))
     live.close()
     newest = live.latest()

@@ -1,70 +1,122 @@
-"""Load is shed in a fixed order while the computer is behind, and taken up again after."""
+"""Load is shed in a fixed order while the computer is busy or behind, and taken up again after."""
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from gpvo.live.load import CAUGHT_UP, HURRY, LATE, LEVELS, MOST_PATIENCE, OLD, PATIENCE, Load
+from gpvo.live.load import (
+    BEHIND,
+    BUSY,
+    CAUGHT_UP,
+    EARLY,
+    FEWEST,
+    HURRY,
+    LATE,
+    LONGEST_CLUSTERS,
+    MOST_PATIENCE,
+    OLD,
+    PATIENCE,
+    Level,
+    Load,
+)
 from gpvo.recordings.streams import EventBlock
 
+USUAL = 0.05
+"""Usual length of clusters, seconds."""
 
-def after(
-    load: Load, ages: list[float], begin: float, step: float = 0.01, latency: float = 0.0
-) -> list[int]:
-    """Return the level after each of the ages, `step` seconds apart."""
-    levels = []
+
+def behind(load: Load, ages: list[float], begin: float, step: float = 0.01) -> list[int]:
+    """Return how far behind the load is after each of the ages, `step` seconds apart."""
+    steps = []
     for index, age in enumerate(ages):
-        load.update(age, latency, begin + step * index)
-        levels.append(LEVELS.index(load.level))
+        load.waited(age, begin + step * index)
+        steps.append(max(k for k, least in enumerate(BEHIND) if sheds(load.level, least)))
+    return steps
+
+
+def sheds(level: Level, least: Level) -> bool:
+    """Whether a level sheds at least what another one does."""
+    return level.and_less(least) == level
+
+
+def work(load: Load, seconds: float, latency: float = 0.0, clusters: int = 100) -> list[Level]:
+    """Return the level after each cluster, whose work always takes some seconds."""
+    levels = []
+    for _ in range(clusters):
+        load.worked(seconds, USUAL * load.level.cluster_length, latency)
+        levels.append(load.level)
     return levels
 
 
-def test_less_and_less_is_used_while_behind_and_all_of_it_in_the_end() -> None:
+@given(st.floats(0.0, 1.0))
+def test_clusters_are_so_long_that_their_work_leaves_time(share: float) -> None:
+    """Those of the usual length would take a share of the time."""
+    length = work(Load(), share * USUAL)[-1].cluster_length
+    assert length == pytest.approx(np.clip(share / BUSY, 1.0, LONGEST_CLUSTERS), rel=1e-3)
+
+
+def test_clusters_are_short_again_when_there_is_time() -> None:
     load = Load()
-    assert after(load, [0.0] * 100, 10.0) == [0] * 100
-    behind = after(load, [2 * CAUGHT_UP] * 200, 11.0)
-    assert behind[-1] == len(LEVELS) - 1
-    assert np.isin(np.diff(behind), (0, 1)).all()
-    assert behind[int(HURRY / 0.01) - 2] == 0
-    caught_up = after(load, [0.0] * 800, 13.0)
-    assert np.isin(np.diff(caught_up), (0, -1)).all()
-    assert load.is_full and caught_up.index(0) > 100 * PATIENCE * (len(LEVELS) - 2)
+    longer = work(load, 1.2 * USUAL)
+    lengths = np.array([level.cluster_length for level in longer + work(load, 0.5 * USUAL)])
+    assert (np.diff(lengths[:100]) >= 0).all() and (np.diff(lengths[100:]) <= 0).all()
+    assert lengths[-1] == 1.0 and load.level == Level()
 
 
-def test_what_waits_long_hurries() -> None:
-    slowly, quickly = (after(Load(), [age] * 100, 10.0) for age in (0.9 * OLD, 1.1 * OLD))
-    assert max(slowly) < max(quickly)
+def test_one_cluster_that_takes_long_changes_little() -> None:
+    load = Load()
+    work(load, 0.5 * BUSY * USUAL)
+    load.worked(100 * USUAL, USUAL, 0.0)
+    assert load.level.cluster_length <= LONGEST_CLUSTERS
+    assert work(load, 0.5 * BUSY * USUAL, clusters=5)[-1] == Level()
 
 
 def test_late_estimates_cost_features_alone() -> None:
     load = Load()
-    after(load, [0.0] * 10, 10.0)
-    levels = set(after(load, [0.0] * 500, 10.1, latency=2 * LATE))
-    assert levels == {0, 1, 2} and all(LEVELS[level].cluster_length == 1 for level in levels)
+    levels = work(load, 0.0, latency=2 * LATE)
+    shares = np.array([level.features for level in levels])
+    assert (np.diff(shares) <= 0).all() and shares[-1] == FEWEST
+    assert all(level == Level(features=level.features) for level in levels)
+    assert work(load, 0.0, latency=(EARLY + LATE) / 2)[-1].features == FEWEST
+    again = np.array([level.features for level in work(load, 0.0, latency=0.5 * EARLY)])
+    assert (np.diff(again) >= 0).all() and again[-1] == 1.0
+    assert np.flatnonzero(again == 1.0)[0] > np.flatnonzero(shares == FEWEST)[0]
 
 
-def test_late_estimates_do_not_keep_clusters_long() -> None:
-    load = Load()
-    after(load, [2 * CAUGHT_UP] * 300, 10.0, latency=2 * LATE)
-    assert load.level == LEVELS[-1]
-    after(load, [0.0] * 3000, 13.0, latency=2 * LATE)
-    assert load.level == LEVELS[2] and load.level.cluster_length == 1
+def test_less_and_less_is_used_while_behind_and_all_of_it_in_the_end() -> None:
+    load, last = Load(), len(BEHIND) - 1
+    assert behind(load, [0.0] * 100, 10.0) == [0] * 100
+    more = behind(load, [2 * CAUGHT_UP] * 200, 11.0)
+    assert more[-1] == last and np.isin(np.diff(more), (0, 1)).all()
+    assert more[int(HURRY / 0.01) - 2] == 0
+    less = behind(load, [0.0] * 800, 13.0)
+    assert np.isin(np.diff(less), (0, -1)).all()
+    assert load.level == Level() and less.index(0) > 100 * PATIENCE * (last - 1)
+
+
+def test_what_waits_long_hurries() -> None:
+    slowly, quickly = (behind(Load(), [age] * 100, 10.0) for age in (0.9 * OLD, 1.1 * OLD))
+    assert sum(slowly) < sum(quickly)
 
 
 def test_what_waits_at_first_sheds_nothing() -> None:
     load = Load()
-    load.update(2 * CAUGHT_UP, 0.0, 1e6)
-    assert load.is_full and sum(load.seconds) == 0
+    load.waited(2 * CAUGHT_UP, 1e6)
+    assert load.level == load.worst == Level() and load.seconds == 0
 
 
 def test_what_is_tried_in_vain_is_tried_half_as_often() -> None:
-    """All features make the estimates late, half of them do not."""
+    """Events wait whenever all of them are used."""
     load, tried = Load(), []
     for index in range(6000):
-        was_full, now = load.is_full, 10.0 + 0.01 * index
-        load.update(0.0, 2 * LATE if was_full else 0.0, now)
-        if load.is_full and not was_full:
+        was_behind, now = load.is_behind, 10.0 + 0.01 * index
+        load.waited(0.0 if was_behind else 2 * CAUGHT_UP, now)
+        if was_behind and not load.is_behind:
             tried.append(now)
     apart = np.diff(tried)
     assert len(apart) >= 3 and apart.max() < MOST_PATIENCE + 2 * HURRY
@@ -73,34 +125,31 @@ def test_what_is_tried_in_vain_is_tried_half_as_often() -> None:
 
 def test_the_time_of_a_cluster_alone_sheds_nothing() -> None:
     load = Load()
-    assert not any(after(load, [0.0, 0.05, 0.1, 0.02, 0.001] * 40, 10.0, 0.02))
+    assert not any(behind(load, [0.0, 0.05, 0.1, 0.02, 0.001] * 40, 10.0))
+    assert load.worst == Level()
 
 
 def test_what_is_shed_is_counted() -> None:
     load = Load()
-    after(load, [1.0] * 200, 10.0)
+    behind(load, [1.0] * 200, 10.0)
     block = EventBlock(*(np.arange(10).astype(kind) for kind in ("u2", "u2", "i8", "?")))
     assert len(load.thin(block)) == 3 and load.thinned == 7
 
 
-def test_features_then_clusters_then_events_are_shed() -> None:
-    features, lengths, strides = (
-        [getattr(one, name) for one in LEVELS] for name in ("features", "cluster_length", "stride")
-    )
-    assert features == sorted(features, reverse=True)
-    assert lengths == sorted(lengths) and strides == sorted(strides)
-    first_longer, first_thinned = (
-        next(index for index, value in enumerate(values) if value > 1)
-        for values in (lengths, strides)
-    )
-    assert features[first_longer] < 1 and lengths[first_thinned - 1] == max(lengths)
+def test_while_behind_clusters_and_features_are_given_up_before_events() -> None:
+    for less, more in pairwise(BEHIND):
+        assert sheds(more, less)
+        assert less.stride == more.stride == 1 or more.cluster_length == LONGEST_CLUSTERS
+    assert BEHIND[0] == Level() and BEHIND[1].stride == 1 and BEHIND[1].features < 1
 
 
 def test_what_is_shed_is_said_and_for_how_long() -> None:
     load = Load()
-    after(load, [0.0] * 101, 10.0)
-    after(load, [2 * CAUGHT_UP] * 200, 11.01)
-    assert load.seconds[0] == pytest.approx(1.0 + HURRY, abs=0.05)
-    assert sum(load.seconds) == pytest.approx(3.0)
-    assert str(LEVELS[0]) == "nothing is shed"
-    assert str(LEVELS[-1]) == "25% of the features, clusters 2 times longer, one of 4 events"
+    behind(load, [0.0] * 101, 10.0)
+    behind(load, [2 * CAUGHT_UP] * 200, 11.01)
+    assert load.full_seconds == pytest.approx(1.0 + HURRY, abs=0.05)
+    assert load.seconds == pytest.approx(3.0)
+    assert load.worst == BEHIND[-1]
+    assert str(Level()) == "nothing is shed"
+    assert str(Level(1.25, 0.7)) == "clusters 1.2 times longer, 70% of the features"
+    assert str(BEHIND[-1]) == "clusters 2 times longer, 25% of the features, one of 4 events"

@@ -32,7 +32,8 @@ class UsbCamera:
         if events is None or len(events) == 0:
             return EventBlock.empty()
         t_ns = events["t"].astype(np.int64) * 1000
-        return EventBlock(events["x"], events["y"], t_ns, events["on"].astype(bool))
+        x, y = (np.ascontiguousarray(events[name]) for name in "xy")
+        return EventBlock(x, y, t_ns, events["on"].astype(bool))
 
     def close(self) -> None:
         """Let the camera go."""

@@ -102,7 +102,8 @@ def warp_patches_kernel(
         warp_kernel(patches[i], places[i], warps[i], side, width, samples)
         for row in range(side):
             start = (row + 1) * width + 1
-            warped[i, row] = samples[start : start + side]
+            for k in range(side):  # a slice would compile for seconds
+                warped[i, row, k] = samples[start + k]
     return warped
 
 
