@@ -37,6 +37,13 @@ class Odometry:
     a `Step` after each cluster, in the thread that estimates. Faults of the events are said while
     they come, each kind once, also where landmarks are lost if most clusters of the first second
     have no inliers.
+
+    Attributes
+    ----------
+    reports
+        Of the clusters that were estimated.
+    tracked_until
+        End of the newest cluster that was tracked, seconds.
     """
 
     def __init__(
@@ -49,6 +56,7 @@ class Odometry:
         observer: Observer = no_observer,
     ) -> None:
         self.reports: list[ClusterReport] = []
+        self.tracked_until = 0.0
         self._stage, self._observer = stage, observer
         self._watch = FaultWatch(rig)
         self._front_end = FrontEnd(rig, configuration or Configuration(), tracker, stage)
@@ -100,8 +108,8 @@ class Odometry:
         The latest may still be estimated when this returns, and is reported by a later call. A
         batch that starts later than the one before stopped follows time without data.
         """
-        self._watch.see_events(batch)
         yield from self._reports(self._front_end.clustering.add(batch))
+        self._watch.see_events(batch)
         yield from self.estimated()
 
     def estimated(self) -> Iterator[ClusterReport]:
@@ -129,6 +137,7 @@ class Odometry:
         with one_blas_thread(), quick_switches():
             for cluster in self._staged("events and clustering", clusters):
                 tracked = self._front_end.process(cluster)
+                self.tracked_until = cluster.stop
                 report = ClusterReport.of(cluster, tracked)
                 yield from self._estimates.wait()
                 self._front_end.tell_pose(self._latest)
@@ -141,10 +150,10 @@ class Odometry:
             self._measurements.flush()
 
     def _watched(self, batches: Iterable[StereoEvents]) -> Iterator[StereoEvents]:
-        """The same batches, each looked at for faults."""
+        """The same batches, each looked at for faults once its clusters are tracked."""
         for batch in batches:
-            self._watch.see_events(batch)
             yield batch
+            self._watch.see_events(batch)
 
     def _estimate(
         self, cluster: StereoCluster, tracked: TrackedCluster, report: ClusterReport

@@ -17,6 +17,7 @@ from gpvo.live.raw_events import NO_EVENTS, RawEvents
 from gpvo.observer import Observer, Step, no_observer
 from gpvo.odometry import Odometry
 from gpvo.recordings import StereoEvents, StereoRig
+from gpvo.recordings.streams import EventBlock
 from gpvo.trajectory import MotionEstimate, Trajectory
 
 
@@ -103,6 +104,20 @@ class LiveOdometry:
         InputError
             If the events are not four arrays of whole numbers and one length, lie outside the
             sensor, or go back in time. None of them is used then, and the odometry goes on.
+        ValueError
+            After `close`.
+        """
+        with self._lock:
+            self._check_open()
+            return self._estimate(self._pairing.push(*self._pairing.checked(left, right)))
+
+    def push_checked(self, left: EventBlock, right: EventBlock) -> list[ClusterReport]:
+        """Take the next events of each camera, which are on the sensor and in order of time.
+
+        Returns the reports of the clusters that were estimated since the call before.
+
+        Raises
+        ------
         ValueError
             After `close`.
         """

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpvo.recordings.streams import EventBlock
 
-BUSY = 0.75
+BUSY = 0.65
 """Share of the time that the work on clusters may take: with more, some wait for others."""
 MEMORY = 0.15
 """Time over which that share is averaged, seconds."""

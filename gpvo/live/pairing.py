@@ -110,7 +110,7 @@ class StereoPairing:
     ) -> None:
         self._is_due = is_due
         offset_ns = round(right_offset * 1e9)
-        self._cameras = {"left": rig.left, "right": rig.right}
+        self._rig = rig
         self._sides = {"left": _Side(), "right": _Side(offset_ns)}
         self._patience = patience
         # Corrected, a camera is behind by the offset while both are alive.
@@ -130,20 +130,27 @@ class StereoPairing:
         """Stamp of the newest event of either camera, by its own clock."""
         return max(side.newest_ns for side in self._sides.values())
 
-    def push(self, left: RawEvents, right: RawEvents) -> StereoEvents | None:
-        """Add events of both cameras; return the batch that they complete, None if there is none.
+    def checked(self, left: RawEvents, right: RawEvents) -> tuple[EventBlock, EventBlock]:
+        """Check the next events of both cameras.
 
         Raises
         ------
         InputError
-            If they cannot be used; none of them is added.
+            If they cannot be used.
         """
-        blocks = {
-            name: checked_events(events, name, self._cameras[name], self._sides[name].newest_ns)
-            for name, events in (("left", left), ("right", right))
-        }
-        for name, side in self._sides.items():
-            side.add(blocks[name], self._stop_ns)
+        left_side, right_side = self._sides.values()
+        return (
+            checked_events(left, "left", self._rig.left, left_side.newest_ns),
+            checked_events(right, "right", self._rig.right, right_side.newest_ns),
+        )
+
+    def push(self, left: EventBlock, right: EventBlock) -> StereoEvents | None:
+        """Add events of both cameras; return the batch that they complete, None if there is none.
+
+        They are on the sensor and in order of time.
+        """
+        for block, side in zip((left, right), self._sides.values(), strict=True):
+            side.add(block, self._stop_ns)
         stop_ns = self._complete_ns()
         return self._batch(stop_ns) if self._wants(stop_ns) else None
 

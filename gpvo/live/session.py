@@ -9,13 +9,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from threading import Condition, Thread
 
-import numpy as np
-
 from gpvo.cluster_report import ClusterReport
 from gpvo.live.latency import Latency
 from gpvo.live.live_odometry import LiveOdometry
 from gpvo.live.load import LONGEST, Load
-from gpvo.live.raw_events import RawEvents
 from gpvo.live.repair import Repair
 from gpvo.live.sources.packet import Packet, Source
 from gpvo.observer import Step
@@ -121,7 +118,7 @@ class LiveSession:
         self.live, self.latency, self.load = live, Latency(), Load()
         self._repair, self._record = Repair(rig, live.right_offset), record
         self._source, self._missing = source, False
-        self._work, self._worked_until, self._noted = 0.0, 0.0, 0
+        self._work, self._worked_until = 0.0, 0.0
         self._to_estimate: list[float] = []
         self._progress: Callable[[ClusterReport], None] = lambda _: None
         live.observe(self._estimated)
@@ -157,7 +154,6 @@ class LiveSession:
         """Shed more or less, by how long a packet has waited; False if it was too long."""
         now = time.perf_counter()
         age, was_behind = now - packet.arrival, self.load.is_behind
-        self._note_work()
         self.load.waited(age, now)
         level = self.load.level
         if self.load.is_behind and not was_behind:
@@ -166,14 +162,6 @@ class LiveSession:
             log.warning("keeping up again: all events are used")
         self.live.odometry.relieve(level.features, level.cluster_length)
         return age <= LONGEST
-
-    def _note_work(self) -> None:
-        """Tell the load of the clusters that were estimated since the last call."""
-        count = len(self.latency.seconds)
-        if count > self._noted:
-            stop = self.live.reports[-1].stop
-            self.load.worked(self._work, stop - self._worked_until, self.latency.newest)
-            self._work, self._worked_until, self._noted = 0.0, stop, count
 
     def _received(self, packet: Packet) -> tuple[EventBlock, EventBlock]:
         """Repair a packet's events and keep them."""
@@ -204,12 +192,20 @@ class LiveSession:
                 self.latency.arrived(min(stamps), packet.arrival)
                 together.append(sides)
         self._push(together)
-        self._work += time.perf_counter() - began
+        self._note_work(time.perf_counter() - began)
+
+    def _note_work(self, seconds: float) -> None:
+        """Tell the load how long the work on a cluster took, from the first of its packets on."""
+        self._work += seconds
+        until = self.live.odometry.tracked_until
+        if until > self._worked_until:
+            self.load.worked(self._work, until - self._worked_until, self.latency.newest)
+            self._work, self._worked_until = 0.0, until
 
     def _push(self, packets: list[tuple[EventBlock, EventBlock]]) -> None:
         if packets:
             left, right = (EventBlock.concatenate(side) for side in zip(*packets, strict=True))
-            self.live.push(raw(self.load.thin(left)), raw(self.load.thin(right)))
+            self.live.push_checked(self.load.thin(left), self.load.thin(right))
 
     def _estimated(self, step: Step) -> None:
         """Note how late the clusters are of which the latest estimate knows."""
@@ -220,8 +216,3 @@ class LiveSession:
             stop = self._to_estimate.pop(0)
             self.latency.estimated(start_ns + round(stop * 1e9), now)
         self._progress(step.report)
-
-
-def raw(block: EventBlock) -> RawEvents:
-    """Return events as `LiveOdometry` takes them."""
-    return block.x, block.y, block.t_ns // 1000, block.polarity.astype(np.bool_)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from gpvo.config import Configuration
 from gpvo.evaluation.report.compilation import CompilationTimer
 from gpvo.live import LiveOdometry
-from gpvo.live.session import raw
+from gpvo.live.raw_events import RawEvents
 from gpvo.live.sources import RecordingPlayer
+from gpvo.recordings.streams import EventBlock
 from gpvo.simulation import SimulationConfig, simulate
 from gpvo.warm_up.beside import CompileBeside
 
@@ -27,8 +28,12 @@ def _estimate(configuration: Configuration) -> None:
     packets = list(RecordingPlayer(recording, speed=1e3).packets())
     del packets[MISSING]
     for packet in packets:
-        live.push(raw(packet.left), raw(packet.right))
+        live.push(_raw(packet.left), _raw(packet.right))
     live.close()
     newest = live.latest()
     if newest is not None:
         newest.at(newest.t + 0.1)
+
+
+def _raw(block: EventBlock) -> RawEvents:
+    return block.x, block.y, block.t_ns // 1000, block.polarity
