@@ -6,6 +6,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
+import cv2
 import h5py
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +69,6 @@ def _unpack(
     if left_out or len(data) != chunk.size:
         raise ValueError("a filter was left out, or the chunk is not whole")
     if shuffled:
-        for byte, plane in enumerate(data.reshape(chunk.shape[::-1])):
-            chunk[:, byte] = plane
+        cv2.transpose(data.reshape(chunk.shape[::-1]), dst=chunk)
     else:
         chunk[:] = data.reshape(chunk.shape)

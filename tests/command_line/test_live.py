@@ -33,7 +33,8 @@ def arguments(recording: RecordingFiles, output: Path, *more: str | Path) -> lis
 @pytest.fixture
 def nothing_is_shed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever else the computer does."""
-    monkeypatch.setattr("gpvo.live.load.HURRY", 60.0)
+    for limit in ("HURRY", "BUSY", "LATE"):
+        monkeypatch.setattr(f"gpvo.live.load.{limit}", 60.0)
     monkeypatch.setattr("gpvo.live.session.LONGEST", 60.0)
 
 
@@ -128,6 +129,7 @@ def test_bad_input_is_one_line(gpvo: Callable, source: str, message: str) -> Non
     assert code == 2 and message in error and error.count("\n") == 1
 
 
+@pytest.mark.usefixtures("nothing_is_shed")
 @pytest.mark.usefixtures("nothing_is_shed")
 def test_a_right_camera_that_is_late_is_corrected(
     recording: RecordingFiles, gpvo: Callable, tmp_path: Path

@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import uniform_filter1d
 
 Array = NDArray[np.float64]
+Rates = NDArray[np.float32]
 
 BIN = 0.002
 """Seconds in which events are counted."""
@@ -36,7 +37,7 @@ AS_GOOD = 0.99
 FLAT = 0.98
 """Share of a peak's height above which it is flat: flicker moves its top there."""
 GROUPS = 8
-"""Groups of bands, each of which is left out once to find the deviation (jackknife)."""
+"""Number of groups of bands, each of which is left out once to find the deviation (jackknife)."""
 
 
 class ClockOffset(NamedTuple):
@@ -87,23 +88,26 @@ def _is_confirmed(left: NDArray, right: NDArray, lag: int, reach: int) -> bool:
     return bool(total[lag] > total[reach])
 
 
-def lagged_products(left: Array, right: Array, reach: int) -> Array:
+def lagged_products(left: Rates, right: Rates, reach: int) -> Array:
     """Multiply the middle of left courses (B, N) with right ones, moved by -reach to reach bins.
 
-    Every one of the (B, 2 reach + 1) sums is of all of the middle, so that ends do not count.
+    Every sum is of all of the middle, so that ends do not count. Returns the sums (G, 2 reach + 1)
+    of each group of bands: every G-th is in the same one.
     """
-    length = next_fast_len(left.shape[1], real=True)
+    length, groups = next_fast_len(left.shape[1], real=True), min(GROUPS, len(left))
     middle = left[:, reach : left.shape[1] - reach]
-    spectrum = np.fft.rfft(right, length) * np.conj(np.fft.rfft(middle, length))
-    return np.asarray(np.fft.irfft(spectrum, length, axis=1)[:, : 2 * reach + 1])
+    spectrum = rfft(right, length) * np.conj(rfft(middle, length))
+    grouped = np.stack([spectrum[k::groups].sum(axis=0) for k in range(groups)])
+    return irfft(grouped, length, axis=1)[:, : 2 * reach + 1].astype(np.float64)
 
 
-def _norm(left: Array, right: Array, reach: int) -> Array:
+def _norm(left: Rates, right: Rates, reach: int) -> Array:
     """Return the factors (2 reach + 1,) between sums of products and correlations."""
     length = left.shape[1]
-    energy = np.concatenate([[0.0], np.cumsum((right**2).sum(axis=0))])
+    energy = np.concatenate([[0.0], np.cumsum((right**2).sum(axis=0, dtype=np.float64))])
     moved = energy[length - 2 * reach :] - energy[: 2 * reach + 1]
-    return np.asarray(np.sqrt(moved * (left[:, reach : length - reach] ** 2).sum()) + 1e-9)
+    middle = (left[:, reach : length - reach] ** 2).sum(dtype=np.float64)
+    return np.asarray(np.sqrt(moved * middle) + 1e-9)
 
 
 def _least_peak(correlation: Array) -> int:
@@ -128,8 +132,8 @@ def _refined(correlation: Array, peak: int) -> float:
 def _deviation(products: Array, peak: int) -> float:
     """Return the standard deviation of a peak's place, bins, by leaving out groups of bands."""
     total, near = products.sum(axis=0), slice(max(peak - 2 * FAST, 0), peak + 2 * FAST + 1)
-    groups = min(GROUPS, len(products))
-    without = [(total - products[k::groups].sum(axis=0))[near] for k in range(groups)]
+    groups = len(products)
+    without = [(total - group)[near] for group in products]
     places = [_refined(part, int(part.argmax())) for part in without] if groups > 1 else [0.0]
     return float(np.sqrt(groups - 1) * np.std(places))
 
@@ -142,7 +146,7 @@ def _width(correlation: Array, peak: int) -> int:
     return int((after[0] if len(after) else len(correlation)) - first - 1)
 
 
-def _fluctuation(counts: NDArray) -> Array:
+def _fluctuation(counts: NDArray) -> Rates:
     """Return rates without their slow and fast parts; the root limits the weight of bursts."""
-    rate = np.sqrt(uniform_filter1d(counts.astype(np.float64), FAST, axis=1))
+    rate = np.sqrt(uniform_filter1d(counts.astype(np.float32), FAST, axis=1))
     return np.asarray(rate - uniform_filter1d(rate, SLOW, axis=1))

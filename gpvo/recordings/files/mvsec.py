@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import h5py
@@ -27,7 +28,8 @@ DISORDER = DISORDER_NS * 1e-9
 """Events that are late by less than this are sorted, seconds."""
 END_ROWS = 4096
 """Rows at the end of a table, among which the latest event is."""
-BLOCK_ROWS = 1 << 19
+BLOCK_ROWS = 1 << 17
+"""Rows that are read at once, or a chunk: more would take a processor for a time."""
 """Rows read at once, 16 MB; a multiple of the usual chunk sizes."""
 
 
@@ -159,11 +161,11 @@ class _EventTable:
         row = bisect_left(rows, begin, key=lambda row: self.seconds(row) - origin)
         latest = -np.inf if row == 0 else self.seconds(row - 1)
         end, waiting = self.seconds(rows[-1]), Events.empty()
-        for first_row in range(row, len(rows), BLOCK_ROWS):
-            events, latest = self._block(first_row, origin, latest, faults)
+        for first_row, stop_row in pairwise([row, *self._ends_of_blocks(row)]):
+            events, latest = self._block(first_row, stop_row, origin, latest, faults)
             if latest > end + DISORDER:
                 # Times decrease further down, perhaps after the row where a reader stops.
-                last_row = min(first_row + BLOCK_ROWS, len(rows)) - 1
+                last_row = stop_row - 1
                 raise InputError(
                     f"{self.where} row {rows[-1]}: time {end:.6f} s is before {latest:.6f} s of"
                     f" row {last_row}; sort the events by time"
@@ -173,11 +175,16 @@ class _EventTable:
             waiting = both.between(latest - origin - DISORDER, np.inf)
         yield waiting.between(start, np.inf)
 
+    def _ends_of_blocks(self, row: int) -> list[int]:
+        """Return where the blocks after a row end: with chunks, so that each is unpacked once."""
+        chunk = self.dataset.chunks[0] if self.dataset.chunks else 1
+        size, count = chunk * max(1, BLOCK_ROWS // chunk), len(self.dataset)
+        return [*range(row - row % size + size, count, size), count]
+
     def _block(
-        self, first_row: int, origin: float, latest: float, faults: Faults
+        self, first_row: int, stop_row: int, origin: float, latest: float, faults: Faults
     ) -> tuple[Events, float]:
         """Return the events of one block, in the order of the file, and the latest time so far."""
-        stop_row = min(first_row + BLOCK_ROWS, len(self.dataset))
         # Column by column: a third faster than whole rows on MVSEC's column-wise chunks.
         x, y, seconds, polarity = (
             read_column(self.dataset, column, first_row, stop_row) for column in range(4)
