@@ -116,12 +116,12 @@ class Odometry:
         """Report the clusters that were estimated and not reported yet, without waiting."""
         yield from self._estimates.done()
 
-    def may_complete(self, stop: float, waiting: int) -> bool:
-        """Whether a batch until `stop`, with at most so many events of a camera, may end a cluster.
+    def is_due(self, stop: float, waiting: int) -> bool:
+        """Whether a batch until `stop`, with at most so many events of a camera, is to be pushed.
 
         Others may wait for the next one: each batch costs time.
         """
-        return self._front_end.clustering.may_complete(stop, waiting)
+        return self._front_end.clustering.is_due(stop, waiting)
 
     def end(self) -> Iterator[ClusterReport]:
         """Estimate the motion during what is left after the last batch."""

@@ -146,14 +146,16 @@ class Clustering:
         while (stop := self._next_stop()) <= self._end:
             yield from self._without_flashes(self._take(stop))
 
-    def may_complete(self, stop: float, waiting: int) -> bool:
-        """Whether a batch until `stop`, with at most so many events of a camera, may end a cluster.
+    def is_due(self, stop: float, waiting: int) -> bool:
+        """Whether a batch until `stop`, with at most so many events of a camera, is to be added.
 
-        The noise filter has not seen them, so that there may be fewer.
+        It is if it may end a cluster, or covers half of one: less is left to do at the end then.
+        The noise filter has not seen the events, so that there may be fewer.
         """
         duration, limit = self._length.limits(self._image_motion())
         most = waiting + max(len(side) for side in self._sides)
-        return stop >= self._start + duration or most >= limit
+        may_end = stop >= self._start + duration or most >= limit
+        return may_end or stop >= self._end + 0.5 * duration
 
     def stretch(self, times: float) -> None:
         """Make clusters so many times longer than usual."""

@@ -80,7 +80,7 @@ class LiveOdometry:
         self._observers = [self._keep, observer]
         self.odometry = Odometry(rig, configuration, stage, observer=self._observe)
         self.reports = self.odometry.reports
-        self._pairing = StereoPairing(rig, patience, right_offset, self.odometry.may_complete)
+        self._pairing = StereoPairing(rig, patience, right_offset, self.odometry.is_due)
 
     @property
     def start_ns(self) -> int | None:

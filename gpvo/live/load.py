@@ -12,8 +12,8 @@ BUSY = 0.65
 """Share of the time that the work on clusters may take: with more, some wait for others."""
 MEMORY = 0.15
 """Time over which that share is averaged, seconds."""
-LONGEST_CLUSTERS = 2.0
-"""Longest clusters, times the usual length."""
+LONGEST_CLUSTERS = 4.0
+"""Longest clusters, times the usual length: landmarks are still followed from one to the next."""
 LATE, EARLY = 0.07, 0.06
 """Latency above which fewer features are tracked, and below which more are, seconds."""
 FEWER, MORE, FEWEST = 0.85, 1.04, 0.5
@@ -69,9 +69,9 @@ class Level:
 
 BEHIND = (
     Level(),
-    Level(LONGEST_CLUSTERS, FEWEST),
-    Level(LONGEST_CLUSTERS, 0.25, 2),
-    Level(LONGEST_CLUSTERS, 0.25, 4),
+    Level(features=FEWEST),
+    Level(features=0.25, stride=2),
+    Level(features=0.25, stride=4),
 )
 """What is shed at least, in this order, while events wait all the same."""
 
@@ -82,7 +82,7 @@ class Load:
 
     Longer clusters are fewer: they cure work that takes most of the time, and cost little. Fewer
     features make each cluster's work shorter: they cure late estimates. Where events wait even so,
-    both are given up at once, and then events.
+    features are given up at once, and then events.
 
     Attributes
     ----------
@@ -114,14 +114,14 @@ class Load:
         """Events wait."""
         return self._behind > 0
 
-    def worked(self, seconds: float, length: float, latency: float) -> None:
-        """Take account of a cluster of some length: the time its work took, and its latency.
+    def worked(self, seconds: float, arrived: float, latency: float) -> None:
+        """Take account of a cluster: the time its work took, its events to arrive, its latency.
 
         All in seconds.
         """
-        usual = max(length, 1e-3) / self.level.cluster_length
+        usual = max(arrived, 1e-3) / self.level.cluster_length
         needed = min(seconds / (BUSY * usual), 2 * LONGEST_CLUSTERS)
-        self._needed += min(1.0, length / MEMORY) * (needed - self._needed)
+        self._needed += min(1.0, arrived / MEMORY) * (needed - self._needed)
         if latency > LATE:
             self._features = max(FEWER * self._features, FEWEST)
         elif latency < EARLY:

@@ -118,7 +118,7 @@ class LiveSession:
         self.live, self.latency, self.load = live, Latency(), Load()
         self._repair, self._record = Repair(rig, live.right_offset), record
         self._source, self._missing = source, False
-        self._work, self._worked_until = 0.0, 0.0
+        self._work, self._worked_until, self._arrival = 0.0, 0.0, 0.0
         self._to_estimate: list[float] = []
         self._progress: Callable[[ClusterReport], None] = lambda _: None
         live.observe(self._estimated)
@@ -192,15 +192,15 @@ class LiveSession:
                 self.latency.arrived(min(stamps), packet.arrival)
                 together.append(sides)
         self._push(together)
-        self._note_work(time.perf_counter() - began)
+        self._note_work(time.perf_counter() - began, packets[-1].arrival)
 
-    def _note_work(self, seconds: float) -> None:
-        """Tell the load how long the work on a cluster took, from the first of its packets on."""
+    def _note_work(self, seconds: float, arrival: float) -> None:
+        """Tell the load how long the work on a cluster took, and its events to arrive."""
         self._work += seconds
         until = self.live.odometry.tracked_until
         if until > self._worked_until:
-            self.load.worked(self._work, until - self._worked_until, self.latency.newest)
-            self._work, self._worked_until = 0.0, until
+            self.load.worked(self._work, arrival - self._arrival, self.latency.newest)
+            self._work, self._worked_until, self._arrival = 0.0, until, arrival
 
     def _push(self, packets: list[tuple[EventBlock, EventBlock]]) -> None:
         if packets:
