@@ -28,9 +28,9 @@ class ClusterReport:
     tracking
         What the tracker found; None if it does not say.
     observations
-        Stereo observations that the tracker added.
+        Stereo observations that the tracker added since the report before.
     out_of_bounds
-        Those in the cluster that the filters of stereo time difference and disparity left out.
+        Those that the filters of stereo time difference and disparity left out.
     too_short
         Tracklets that reach into the cluster and are too short in pixels or seconds.
     tracklets

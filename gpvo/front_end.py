@@ -35,7 +35,8 @@ class TrackedCluster:
     Attributes
     ----------
     observations
-        Stereo observations that the tracker added.
+        Stereo observations that the tracker added: those followed into the cluster, and those that
+        were found in the cluster before.
     tracking
         What the tracker says of the cluster; None if it says nothing.
     out_of_bounds, too_short
@@ -101,6 +102,7 @@ class FrontEnd:
             MultiResolutionTracker(full.tracking, self.camera) if tracker is None else tracker
         )
         self._tracklets = Tracklets(full.tracklets)
+        self._found, self._found_out_of_bounds = Observations.none(), 0
         self._tracked_pixel = full.tracking.pixel
         self._acceleration = ImageAcceleration(self.camera)
         self._image_motion: ImageMotion | None = None
@@ -120,11 +122,16 @@ class FrontEnd:
             self._tracker.limit_features(share)
 
     def process(self, cluster: StereoCluster) -> TrackedCluster:
-        """Track landmarks into the next cluster, in order of time, and reject outliers."""
+        """Track landmarks into the next cluster, in order of time, and reject outliers.
+
+        `extend` is to be called before the next one.
+        """
         with self._stage("tracking"):
-            observations = self._tracker.track(cluster)
+            followed = self._track(cluster)
+        observations = Observations.concatenate([self._found, followed])
         with self._stage("tracklets"):
-            self._tracklets.add(cluster, observations)
+            self._tracklets.add(cluster, followed)
+            out_of_bounds = self._found_out_of_bounds + self._tracklets.out_of_bounds
             earlier, later = self._tracklets.pairs(self._config.span)
             too_short = self._tracklets.too_short()
         with self._stage("outlier rejection"):
@@ -141,7 +148,7 @@ class FrontEnd:
         return TrackedCluster(
             observations,
             self._tracking_report(),
-            self._tracklets.out_of_bounds,
+            out_of_bounds,
             too_short,
             earlier,
             later,
@@ -149,6 +156,23 @@ class FrontEnd:
             inliers,
             measurements,
         )
+
+    def extend(self) -> Observations:
+        """Find other landmarks in the cluster, which tell nothing of its motion; return them."""
+        if isinstance(self._tracker, MultiResolutionTracker):
+            with self._stage("tracking"):
+                self._found = self._tracker.extend()
+            with self._stage("tracklets"):
+                self._tracklets.extend(self._found)
+                self._found_out_of_bounds = self._tracklets.out_of_bounds
+        return self._found
+
+    def _track(self, cluster: StereoCluster) -> Observations:
+        """Return the observations that tell of the motion; all of a tracker of a user's own."""
+        tracker = self._tracker
+        if isinstance(tracker, MultiResolutionTracker):
+            return tracker.follow(cluster)
+        return tracker.track(cluster)
 
     def _tracked_motion(self) -> ImageMotion | None:
         """Return the motion of the features in tracked pixels; None while few are known."""

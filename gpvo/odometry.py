@@ -133,7 +133,7 @@ class Odometry:
         self._estimates.settle()
 
     def _reports(self, clusters: Iterator[StereoCluster]) -> Iterator[ClusterReport]:
-        """Process clusters: a cluster is tracked while the one before is estimated."""
+        """Process clusters: new landmarks are found, and the next cluster tracked, beside this."""
         with one_blas_thread(), quick_switches():
             for cluster in self._staged("events and clustering", clusters):
                 tracked = self._front_end.process(cluster)
@@ -142,6 +142,7 @@ class Odometry:
                 yield from self._estimates.wait()
                 self._front_end.tell_pose(self._latest)
                 self._estimates.start(self._estimate, cluster, tracked, report)
+                self._front_end.extend()
                 self._watch.see_cluster(cluster, report)
 
     def _ended(self) -> Iterator[ClusterReport]:

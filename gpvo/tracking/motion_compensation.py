@@ -126,6 +126,7 @@ class MotionCompensation:
         self._recent: Observations | None = None
         self._waiting: Observations | None = None
         self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN
+        self._learned = 0
         self._lag = ContourLag(config.lag)
         self._full_count: deque[float] = deque(maxlen=USUAL)
         self._noise, self._still = NoiseLevel(), False
@@ -207,8 +208,11 @@ class MotionCompensation:
         self._recent = known[known.frame >= self._frame_count - 2]
 
     def _learn_flows(self) -> None:
-        """Estimate left and right image motion between the two latest clusters, if it is known."""
-        if self._recent is None or len(self._images) < 2:
+        """Estimate left and right image motion between the two latest clusters, if it is known.
+
+        Once: observations that are added later are not of both clusters.
+        """
+        if self._recent is None or len(self._images) < 2 or self._learned == self._frame_count:
             return
         seen, (before, latest) = self._recent, list(self._images)[-2:]
         newest = seen.frame == self._frame_count - 1
@@ -222,7 +226,7 @@ class MotionCompensation:
             flow_between(old[i], new[j], dt, (height, width), reach)
             for old, new in ((earlier.left, later.left), (earlier.right, later.right))
         )
-        self._flows = left, right
+        self._flows, self._learned = (left, right), self._frame_count
         self._lag.follow(left, dt)
 
 

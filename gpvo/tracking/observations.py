@@ -55,6 +55,12 @@ class Observations(ArrayTable):
         return np.ones((len(self), 3)) if self.own_deviations is None else self.own_deviations
 
     @classmethod
+    def none(cls) -> Observations:
+        """Return no observations."""
+        number, points = np.empty(0, np.int64), np.empty((0, 2))
+        return cls(number, number, points, points)
+
+    @classmethod
     def concatenate(cls, parts: Iterable[Observations]) -> Observations:
         """Join one or more sets of observations."""
         return super().concatenate(

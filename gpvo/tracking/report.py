@@ -12,7 +12,7 @@ class TrackingReport:
     Attributes
     ----------
     features
-        New features in the left picture.
+        New features in the left picture, or in that of the cluster before until they are found.
     stereo
         Those of them that have a match in the right picture.
     known

@@ -68,8 +68,23 @@ class MultiResolutionTracker:
 
     def track(self, cluster: StereoCluster) -> Observations:
         """Return the observations that a new cluster adds."""
+        return Observations.concatenate([self.follow(cluster), self.extend()])
+
+    def follow(self, cluster: StereoCluster) -> Observations:
+        """Return those of the observations that tell of the motion now.
+
+        The others are returned by `extend`, to be called before the next cluster.
+        """
         self.motion.advance(0.5 * (cluster.start + cluster.stop))
-        parts = [tracker.track(cluster, self.motion) for tracker in self._trackers]
+        return self._of_all([tracker.follow(cluster, self.motion) for tracker in self._trackers])
+
+    def extend(self) -> Observations:
+        """Return the observations of landmarks that are new or known again in the cluster."""
+        return self._of_all([tracker.extend() for tracker in self._trackers])
+
+    @staticmethod
+    def _of_all(parts: list[Observations]) -> Observations:
+        """Join the observations of all resolutions."""
         return Observations.concatenate(
             replace(found, landmark=found.landmark * len(parts) + index)
             for index, found in enumerate(parts)
@@ -100,9 +115,18 @@ class _ResolutionTracker:
             config.compensation, config.earlier_frames + 1, side
         )
 
-    def track(self, cluster: StereoCluster, motion: EgoMotion) -> Observations:
-        """Return the observations that a new cluster adds, full-resolution pixels."""
-        seen = self._seen(self._images(cluster), motion)
+    def follow(self, cluster: StereoCluster, motion: EgoMotion) -> Observations:
+        """Return the observations that tell of the motion now, full-resolution pixels."""
+        return self._measured(self._followed(self._images(cluster), motion))
+
+    def extend(self) -> Observations:
+        """Return the other observations of the cluster, full-resolution pixels."""
+        tracker = self._tracker
+        found = tracker.extend() if isinstance(tracker, KltTracker) else Observations.none()
+        return self._measured(found)
+
+    def _measured(self, seen: Observations) -> Observations:
+        """Return observations at their own times, in full-resolution pixels."""
         if self._image == "motion_compensated":
             seen = self._compensation.timed(seen)
         return replace(
@@ -111,12 +135,12 @@ class _ResolutionTracker:
             right=to_full_resolution(seen.right, self._side),
         )
 
-    def _seen(self, images: StereoImage, motion: EgoMotion) -> Observations:
-        """Track features at a pose, which may be found anew."""
+    def _followed(self, images: StereoImage, motion: EgoMotion) -> Observations:
+        """Follow features to a pose, which may be found anew."""
         if not isinstance(self._tracker, KltTracker):
             return self._tracker.track(*images)
         self._tracker.T_start_cam = motion.T_start_cam
-        seen = self._tracker.track(*images)
+        seen = self._tracker.follow(*images)
         if self._tracker.T_start_cam is not motion.T_start_cam:
             motion.relocate(self._tracker.T_start_cam)
         return seen

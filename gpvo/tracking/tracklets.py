@@ -25,7 +25,7 @@ LEAST_LANDMARKS = 8
 class Tracklets:
     """Measurements of the latest clusters that passed the filters of single measurements.
 
-    `out_of_bounds` is the number of observations in the newest cluster that did not pass.
+    `out_of_bounds` is the number of those added last in the newest cluster that did not pass.
     """
 
     def __init__(self, config: TrackletConfig) -> None:
@@ -43,9 +43,13 @@ class Tracklets:
 
         Clusters that show nothing, as in a gap of the events, do not count as history.
         """
-        newest = self._cluster_count
-        self._clusters.append((newest, cluster))
+        self._clusters.append((self._cluster_count, cluster))
         self._cluster_count += 1
+        self.extend(observations)
+
+    def extend(self, observations: Observations) -> None:
+        """Add more observations of the newest cluster, or of earlier ones."""
+        newest = self._cluster_count - 1
         seen = observations.frame == newest
         latest = self._shown[-1] if self._shown else -1
         self._shown.extend(np.unique(observations.frame[observations.frame > latest]).tolist())

@@ -12,8 +12,11 @@ from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.match_precision import (
     LARGEST,
     compare_patches_kernel,
-    match_deviations,
+    match_variances,
+    relative_deviations,
 )
+
+Points = NDArray[np.float32]
 
 SIDE, NOISE = 31, 6.0
 POINTS = np.stack(np.meshgrid(np.arange(40, 290, 25), np.arange(40, 200, 25)), 2).reshape(-1, 2)
@@ -34,6 +37,12 @@ def texture() -> NDArray[np.float64]:
 
 def pyramid(image: NDArray[np.float64]) -> Pyramid:
     return Pyramid.of_image(np.clip(np.rint(image), 0, 255).astype(np.uint8), SIDE, 0)
+
+
+def match_deviations(left: Pyramid, right: Pyramid, points: Points) -> NDArray[np.float64]:
+    """Compute the deviations (N, 3) of points that do not move, which are all of the frame."""
+    variances = match_variances(left, right, points, points)
+    return relative_deviations(variances, variances)
 
 
 def test_noise_moves_matches_by_the_inverse_of_the_gradients_squares() -> None:
@@ -60,7 +69,7 @@ def test_matches_of_weak_or_noisy_patches_count_less() -> None:
     image, rng = texture(), np.random.default_rng(2)
     noisy = image + NOISE * rng.normal(size=image.shape)
     left, right = pyramid(image), pyramid(noisy)
-    deviations = match_deviations(left, right, POINTS, POINTS)
+    deviations = match_deviations(left, right, POINTS)
     thirds = [
         deviations[(POINTS[:, 0] > low) & (POINTS[:, 0] <= low + 84)] for low in (39, 123, 207)
     ]
@@ -69,7 +78,7 @@ def test_matches_of_weak_or_noisy_patches_count_less() -> None:
     coarse, fine = (deviations[rows, 2] for rows in (POINTS[:, 1] < 80, POINTS[:, 1] > 150))
     assert np.median(coarse) > 1.5 * np.median(fine)
     noisy[:, :165] += 2 * NOISE * rng.normal(size=(240, 165))
-    worse = match_deviations(left, pyramid(noisy), POINTS, POINTS)
+    worse = match_deviations(left, pyramid(noisy), POINTS)
     half = POINTS[:, 0] < 150
     gain = np.log(worse) - np.log(deviations)
     assert (np.median(gain[half], axis=0) > np.median(gain[~half], axis=0) + 0.1).all()
@@ -79,9 +88,9 @@ def test_equal_patches_count_alike_and_none_is_beyond_the_bounds() -> None:
     tile = np.tile(texture()[100:140, 100:140], (6, 8))
     points = np.float32([[100, 100], [140, 100], [100, 140], [180, 140]])
     same = pyramid(tile)
-    np.testing.assert_allclose(match_deviations(same, same, points, points), 1.0, atol=1e-6)
+    np.testing.assert_allclose(match_deviations(same, same, points), 1.0, atol=1e-6)
     flat = pyramid(np.where(np.arange(320) < 160, 127.0, tile))
     some = np.float32([[60, 100], [240, 100], [280, 100], [240, 140]])
-    deviations = match_deviations(flat, flat, some, some)
+    deviations = match_deviations(flat, flat, some)
     assert deviations.max() <= LARGEST and deviations.min() >= 1 / LARGEST
-    assert match_deviations(same, same, points[:0], points[:0]).shape == (0, 3)
+    assert match_deviations(same, same, points[:0]).shape == (0, 3)

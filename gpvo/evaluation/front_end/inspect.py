@@ -167,9 +167,10 @@ class _Inspector:
     def process(self, cluster: StereoCluster) -> InspectedCluster:
         rng = deepcopy(self.front_end.rng)
         tracked = self.front_end.process(cluster)
+        others = self.front_end.extend()
         earlier, later, estimate = tracked.earlier, tracked.later, tracked.velocity_estimate
         self._estimate(cluster, tracked)
-        features, quads = self._count(tracked.observations)
+        features, quads = self._count(Observations.concatenate([tracked.observations, others]))
         return InspectedCluster(
             cluster.start,
             cluster.stop,

@@ -30,19 +30,16 @@ LARGEST = 3.0
 """Largest ratio of a deviation to the typical one, and its inverse the least."""
 
 
-def match_deviations(left: Pyramid, right: Pyramid, points: Points, matches: Points) -> Array:
-    """Compute standard deviations (N, 3) of u, v and disparity, as multiples of the median ones.
+def match_variances(left: Pyramid, right: Pyramid, points: Points, matches: Points) -> Array:
+    """Compute variances (N, 3) of u, v and disparity, up to a common factor.
 
     Points (N, 2) are those in the left image, matches (N, 2) those in the right one. Noise of the
     image moves the match of a patch with the gradients g by the covariance
 
         (sum g g^T)^-1 of u and v,  (sum g_u^2)^-1 of the disparity
 
-    times its variance, which is told by 1 - the correlation of left and right patch. The rest of
-    the variance does not depend on the patch.
+    times its variance, which is told by 1 - the correlation of left and right patch.
     """
-    if not len(points):
-        return np.ones((0, 3))
     squares, alike = np.zeros((len(points), 3)), np.zeros(len(points))
     given = left.levels[0], right.levels[0], left.patch_size
 
@@ -53,8 +50,18 @@ def match_deviations(left: Pyramid, right: Pyramid, points: Points, matches: Poi
     noise = NOISE + 1 - alike
     uu, vv = np.maximum(squares[:, [0, 2]], 1e-9).T
     determinant = np.maximum(uu * vv - squares[:, 1] ** 2, 1e-9 * uu * vv)
-    variance = noise[:, None] * np.column_stack([vv / determinant, uu / determinant, 1 / uu])
-    relative = SHARE * variance / np.median(variance, axis=0) + 1 - SHARE
+    shapes = np.column_stack([vv / determinant, uu / determinant, 1 / uu])
+    return np.asarray(noise[:, None] * shapes)
+
+
+def relative_deviations(variances: Array, among: Array) -> Array:
+    """Compute standard deviations (N, 3) as multiples of the median one among all (M, 3).
+
+    A share of the variances does not depend on the patch, and is the same for all.
+    """
+    if not len(variances):
+        return np.ones((0, 3))
+    relative = SHARE * variances / np.median(among, axis=0) + 1 - SHARE
     return np.clip(np.sqrt(relative), 1 / LARGEST, LARGEST)
 
 

@@ -11,6 +11,8 @@ Landmarks that were lost are searched by their anchors, too.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,7 @@ from gpvo.tracking.klt.following import CHANGED, FINE, KNOWN, follow
 from gpvo.tracking.klt.frame import Frame
 from gpvo.tracking.klt.lost_landmarks import LostLandmarks, are_near
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
-from gpvo.tracking.klt.match_precision import match_deviations
+from gpvo.tracking.klt.match_precision import match_variances, relative_deviations
 from gpvo.tracking.klt.patch_checks import are_stereo
 from gpvo.tracking.klt.relocation import refined_pose, relocated_pose
 from gpvo.tracking.klt.row_search import search_rows
@@ -47,6 +49,7 @@ LEAST_DRIFTED = 5
 """Least number of landmarks found again that tell by how much the motion has drifted."""
 NO_DRIFT = 1.0
 """Drift up to which the first matches are good, pixels."""
+NO_VARIANCES = np.empty((0, 3))
 
 
 class KltTracker:
@@ -63,7 +66,9 @@ class KltTracker:
 
     def __init__(self, config: TrackingConfig, camera: StereoCamera | None = None) -> None:
         self._config, self._features, self._camera = config.klt, config.features, camera
+        self._before: Frame | None = None
         self._previous: Frame | None = None
+        self._first_new, self._variances = 0, NO_VARIANCES
         self._lost = LostLandmarks(self._config.lost_landmarks, camera)
         self._relocations = 0
         self._frame_count = 0
@@ -72,23 +77,36 @@ class KltTracker:
         self._most, self.T_start_cam = self._config.max_features, np.eye(4)
 
     def track(self, left: Image, right: Image) -> Observations:
-        """Follow the known landmarks into a new stereo frame and find new ones there."""
+        """Follow the known landmarks into a new stereo frame and find others there."""
+        return Observations.concatenate([self.follow(left, right), self.extend()])
+
+    def follow(self, left: Image, right: Image) -> Observations:
+        """Follow the known landmarks into a new stereo frame."""
         images = both(lambda: self._pyramid(left), lambda: self._pyramid(right))
         frame = Frame.without_landmarks(*images, self.T_start_cam)
         known = 0 if self._previous is None else len(self._previous.landmark)
-        followed, first_new = self._follow(frame), self._landmark_count
+        followed, self._first_new = self._follow(frame), self._landmark_count
         self._note_lost_track(followed)
         if self._relocations > 0:
             followed = self._relocated(followed)
+        self.report = replace(self.report, known=known, closed=len(followed.left))
+        self._before, self._previous = self._previous or followed, followed
+        self.T_start_cam = followed.T_start_cam
+        self._frame_count += 1
+        return self._observations(followed, NO_VARIANCES)
+
+    def extend(self) -> Observations:
+        """Find lost landmarks and new ones in the latest frame, which tell no motion yet."""
+        followed = self._previous
+        if followed is None or self._before is None:
+            return Observations.none()
         seen = self._with_found_again(followed)
         features = self._detect(seen)
         new = self._in_stereo(features, seen)
-        self.report = TrackingReport(len(features), len(new.left), known, len(followed.left))
-        frame = seen.joined(new)
-        self._lost.follow(self._previous or frame, frame, first_new)
-        self._previous, self.T_start_cam = frame, frame.T_start_cam
-        self._frame_count += 1
-        return self._observations(frame)
+        self.report = replace(self.report, features=len(features), stereo=len(new.left))
+        self._previous = seen.joined(new)
+        self._lost.follow(self._before, self._previous, self._first_new)
+        return self._observations(self._previous.after(len(followed.landmark)), self._variances)
 
     def limit_features(self, share: float) -> None:
         """Follow a share of the configured features, from 0 to 1: those known longest."""
@@ -96,14 +114,21 @@ class KltTracker:
         if frame is not None and len(frame.landmark) > self._most:
             self._previous = frame.select(np.arange(len(frame.landmark)) < self._most)
 
-    def _observations(self, frame: Frame) -> Observations:
-        known, images = self._config.deviations, (frame.left_image, frame.right_image)
+    def _observations(self, seen: Frame, others: Array) -> Observations:
+        """Return where landmarks of the latest frame are seen, and how precisely.
+
+        `others` (M, 3) are the variances of its other landmarks.
+        """
+        images = seen.left_image, seen.right_image
+        self._variances = match_variances(*images, seen.left, seen.right)
+        among = np.concatenate([others, self._variances])
+        known = self._config.deviations
         return Observations(
-            frame.landmark,
-            np.full(len(frame.landmark), self._frame_count - 1),
-            frame.left.astype(np.float64),
-            frame.right.astype(np.float64),
-            own_deviations=match_deviations(*images, frame.left, frame.right) if known else None,
+            seen.landmark,
+            np.full(len(seen.landmark), self._frame_count - 1),
+            seen.left.astype(np.float64),
+            seen.right.astype(np.float64),
+            own_deviations=relative_deviations(self._variances, among) if known else None,
         )
 
     def _pyramid(self, image: Image) -> Pyramid:
