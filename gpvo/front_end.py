@@ -158,7 +158,7 @@ class FrontEnd:
         )
 
     def extend(self) -> Observations:
-        """Find other landmarks in the cluster, which tell nothing of its motion; return them."""
+        """Find new landmarks in the cluster, which tell nothing of its motion; return them."""
         if isinstance(self._tracker, MultiResolutionTracker):
             with self._stage("tracking"):
                 self._found = self._tracker.extend()

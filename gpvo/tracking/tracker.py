@@ -79,7 +79,7 @@ class MultiResolutionTracker:
         return self._of_all([tracker.follow(cluster, self.motion) for tracker in self._trackers])
 
     def extend(self) -> Observations:
-        """Return the observations of landmarks that are new or known again in the cluster."""
+        """Return the observations of landmarks that are new in the cluster."""
         return self._of_all([tracker.extend() for tracker in self._trackers])
 
     @staticmethod

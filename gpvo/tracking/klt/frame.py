@@ -63,10 +63,6 @@ class Frame:
             self.landmark[mask], self.left[mask], self.right[mask], self.anchors[mask]
         )
 
-    def after(self, count: int) -> Frame:
-        """Return the frame without its first landmarks."""
-        return self.select(np.arange(len(self.landmark)) >= count)
-
     def joined(self, other: Frame) -> Frame:
         """Return the landmarks of two frames with the same images."""
         return self.with_landmarks(

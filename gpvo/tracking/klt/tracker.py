@@ -66,9 +66,8 @@ class KltTracker:
 
     def __init__(self, config: TrackingConfig, camera: StereoCamera | None = None) -> None:
         self._config, self._features, self._camera = config.klt, config.features, camera
-        self._before: Frame | None = None
         self._previous: Frame | None = None
-        self._first_new, self._variances = 0, NO_VARIANCES
+        self._variances = NO_VARIANCES
         self._lost = LostLandmarks(self._config.lost_landmarks, camera)
         self._relocations = 0
         self._frame_count = 0
@@ -81,32 +80,31 @@ class KltTracker:
         return Observations.concatenate([self.follow(left, right), self.extend()])
 
     def follow(self, left: Image, right: Image) -> Observations:
-        """Follow the known landmarks into a new stereo frame."""
+        """Follow the known landmarks into a new stereo frame, also those that were lost before."""
         images = both(lambda: self._pyramid(left), lambda: self._pyramid(right))
         frame = Frame.without_landmarks(*images, self.T_start_cam)
         known = 0 if self._previous is None else len(self._previous.landmark)
-        followed, self._first_new = self._follow(frame), self._landmark_count
+        followed, first_new = self._follow(frame), self._landmark_count
         self._note_lost_track(followed)
         if self._relocations > 0:
             followed = self._relocated(followed)
+        seen = self._with_found_again(followed)
+        self._lost.follow(self._previous or seen, seen, first_new)
         self.report = replace(self.report, known=known, closed=len(followed.left))
-        self._before, self._previous = self._previous or followed, followed
-        self.T_start_cam = followed.T_start_cam
+        self._previous, self.T_start_cam = seen, seen.T_start_cam
         self._frame_count += 1
-        return self._observations(followed, NO_VARIANCES)
+        return self._observations(seen, NO_VARIANCES)
 
     def extend(self) -> Observations:
-        """Find lost landmarks and new ones in the latest frame, which tell no motion yet."""
-        followed = self._previous
-        if followed is None or self._before is None:
+        """Find new landmarks in the latest frame, which tell nothing of the motion yet."""
+        seen = self._previous
+        if seen is None:
             return Observations.none()
-        seen = self._with_found_again(followed)
         features = self._detect(seen)
         new = self._in_stereo(features, seen)
         self.report = replace(self.report, features=len(features), stereo=len(new.left))
         self._previous = seen.joined(new)
-        self._lost.follow(self._before, self._previous, self._first_new)
-        return self._observations(self._previous.after(len(followed.landmark)), self._variances)
+        return self._observations(new, self._variances)
 
     def limit_features(self, share: float) -> None:
         """Follow a share of the configured features, from 0 to 1: those known longest."""
