@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -50,6 +51,9 @@ class Leaving:
     landmarks: Marginalised | None
 
 
+NOTHING = Leaving(-np.inf, 0, States(), CovarianceKnots(), None)
+
+
 class LagWindow:
     """The key states in the lag, what was measured in it, and GTSAM's smoother of both.
 
@@ -94,9 +98,7 @@ class LagWindow:
         self.between: StatesBetween | None = None
         self.landmarks = WindowLandmarks(build)
         self.knots = WindowKnots(build.config.covariance_interval)
-        self._leave_before, self._leaving, self._old = -np.inf, 0, States()
-        self._left: Marginalised | None = None
-        self._smoother = KeyStateSmoother()
+        self._smoother, self._leaves = KeyStateSmoother(), NOTHING
 
     def __len__(self) -> int:
         return len(self.keys)
@@ -157,20 +159,23 @@ class LagWindow:
         before = min(before, self.keys.t[-1])
         count = self.numbered.before(before - SAME_TIME)
         states = self.states_until(count)
-        return Leaving(before, count, states, self.knots_of(states), self._marginalised(count))
-
-    def _marginalised(self, leaving: int) -> Marginalised | None:
-        """Marginalise the measurements next to states that leave; None without any, or if it fails.
-
-        The update that fails, too, is solved again.
-        """
-        if leaving == 0:
-            return None
         try:
-            others = factors_that_leave(self._factors_of_motion(), self.numbered, leaving)
-            return self.landmarks.marginalised(self.numbered, leaving, others)
-        except self.own.failures:
+            landmarks = self._marginalised(count)
+        except self.own.failures:  # so does the update, which is solved again
+            landmarks = None
+        return Leaving(before, count, states, self.knots_of(states), landmarks)
+
+    def _marginalised(
+        self, count: int, new: Sequence[gtsam.NonlinearFactor] = (), is_known: bool = True
+    ) -> Marginalised | None:
+        """Marginalise the measurements next to the first key states; None if `count` is 0.
+
+        `new` are factors that GTSAM does not have yet; see `WindowLandmarks.marginalised`.
+        """
+        if count == 0:
             return None
+        known = factors_that_leave(self._factors_of_motion(), self.numbered, count)
+        return self.landmarks.marginalised(self.numbered, count, [*known, *new], is_known=is_known)
 
     def _factors_of_motion(self) -> list[gtsam.NonlinearFactor]:
         """Return GTSAM's factors except that of the landmarks."""
@@ -182,8 +187,7 @@ class LagWindow:
 
     def let_leave(self, leaves: Leaving) -> None:
         """Marginalise states at the next update, and keep their covariances."""
-        self._leave_before, self._leaving, self._old = leaves.before, leaves.count, leaves.states
-        self._left = leaves.landmarks
+        self._leaves = leaves
         self.knots.extend(leaves.knots)
 
     def begin(self, update: GraphUpdate, t: float, velocity: VelocityFit | None) -> None:
@@ -208,16 +212,13 @@ class LagWindow:
         RuntimeError, IndexError, ValueError
             If that fails; a factor of a user's own raises what it likes.
         """
-        leaving, left = self._leaving, self._left
+        count, left = self._leaves.count, self._leaves.landmarks
         self.landmarks.add(new)
-        if leaving:
-            own = factors_that_leave(update.factors, self.numbered, leaving)
-            is_late = bool((new.t < self.keys.t[leaving]).any())
-            if left is None or own or is_late:
-                others = factors_that_leave(self._factors_of_motion(), self.numbered, leaving)
-                given = self.numbered, leaving, [*others, *own]
-                left = self.landmarks.marginalised(*given, is_known=not is_late)
-        self.landmarks.follow(update, self.numbered.after(leaving), left)
+        own = factors_that_leave(update.factors, self.numbered, count)
+        is_late = bool((new.t < self.keys.t[count]).any())
+        if left is None or own or is_late:
+            left = self._marginalised(count, own, not is_late)
+        self.landmarks.follow(update, self.numbered.after(count), left)
 
     def solve(self, update: GraphUpdate) -> States:
         """Update GTSAM's smoother, take over its estimate; return the states that are final now.
@@ -228,11 +229,11 @@ class LagWindow:
             If that fails; a factor of a user's own raises what it likes.
         """
         more_steps = GUESSED_STEPS if self._reckoning.in_window else 0
-        times = float(self.keys.t[-1]), self._leave_before
+        times = float(self.keys.t[-1]), self._leaves.before
         self.landmarks.updated(self._smoother.update(update, *times, more_steps))
-        left = self._leaving
+        left = self._leaves.count
         newest = self._smoother.states(self.numbers[left:], self.keys.t[left:])
-        final = correct_final_states(self._old, newest[:1])[:-1] if left else States()
+        final = correct_final_states(self._leaves.states, newest[:1])[:-1] if left else States()
         self._leave(newest)
         self.solved = len(newest)
         self.between = self.landmarks.states_between(self.numbered)
@@ -243,16 +244,16 @@ class LagWindow:
 
         The landmarks' prior may be forgotten.
         """
-        leaving, final = self._leaving, States()
-        if leaving:
-            final = self._old[:-1]
-            self._leave(self.keys[leaving:])
+        count, final = self._leaves.count, States()
+        if count:
+            final = self._leaves.states[:-1]
+            self._leave(self.keys[count:])
         self._smoother, update = KeyStateSmoother(), GraphUpdate()
         motion = self._motion_since(0)
         update.add_factors([*self._prior_on_first_state(), *motion, *self.own.active])
         update.add_states(self.numbered)
         # A prior is of the first state; with another one it says nothing.
-        self.landmarks.add_all_to(update, self.numbered, forget or leaving > 0)
+        self.landmarks.add_all_to(update, self.numbered, forget or count > 0)
         return update, final
 
     def predict(self) -> None:
@@ -266,8 +267,8 @@ class LagWindow:
 
     def _leave(self, stays: States) -> None:
         """Begin the window at the first key state that stays."""
-        self.first, self.keys = self.first + self._leaving, stays
-        self._leaving, self._left = 0, None
+        self.first, self.keys = self.first + self._leaves.count, stays
+        self._leaves = NOTHING
         self.own.keep({key(k) for k in self.numbers for key in (X, V)})
         self._reckoning.forget(float(stays.t[0]))
 

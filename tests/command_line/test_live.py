@@ -130,7 +130,6 @@ def test_bad_input_is_one_line(gpvo: Callable, source: str, message: str) -> Non
 
 
 @pytest.mark.usefixtures("nothing_is_shed")
-@pytest.mark.usefixtures("nothing_is_shed")
 def test_a_right_camera_that_is_late_is_corrected(
     recording: RecordingFiles, gpvo: Callable, tmp_path: Path
 ) -> None:

@@ -117,17 +117,19 @@ class KltTracker:
 
         `others` (M, 3) are the variances of its other landmarks.
         """
-        images = seen.left_image, seen.right_image
-        self._variances = match_variances(*images, seen.left, seen.right)
-        among = np.concatenate([others, self._variances])
-        known = self._config.deviations
         return Observations(
             seen.landmark,
             np.full(len(seen.landmark), self._frame_count - 1),
             seen.left.astype(np.float64),
             seen.right.astype(np.float64),
-            own_deviations=relative_deviations(self._variances, among) if known else None,
+            own_deviations=self._deviations(seen, others) if self._config.deviations else None,
         )
+
+    def _deviations(self, seen: Frame, others: Array) -> Array:
+        """Compute relative standard deviations (N, 3) of landmarks, and keep their variances."""
+        images = seen.left_image, seen.right_image
+        self._variances = match_variances(*images, seen.left, seen.right)
+        return relative_deviations(self._variances, np.concatenate([others, self._variances]))
 
     def _pyramid(self, image: Image) -> Pyramid:
         smoothed = smooth(image, self._config.smoothing)
