@@ -34,9 +34,10 @@ class Odometry:
 
     `stage`, if given, is entered around every stage with the stage's name, to time it. `tracker`
     and `estimator` take the place of those that the configuration names. `observer` is called with
-    a `Step` after each cluster, in the thread that estimates. Faults of the events are said while
-    they come, each kind once, also where landmarks are lost if most clusters of the first second
-    have no inliers.
+    a `Step` after each cluster, in the thread that estimates; so is `watcher`, when all is ready
+    for the next estimate: a viewer may take its time. Faults of the events are said while they
+    come, each kind once, also where landmarks are lost if most clusters of the first second have no
+    inliers.
 
     Attributes
     ----------
@@ -54,10 +55,11 @@ class Odometry:
         tracker: Tracker | None = None,
         estimator: Estimator | None = None,
         observer: Observer = no_observer,
+        watcher: Observer = no_observer,
     ) -> None:
         self.reports: list[ClusterReport] = []
         self.tracked_until = 0.0
-        self._stage, self._observer = stage, observer
+        self._stage, self._observer, self._watcher = stage, observer, watcher
         self._watch = FaultWatch(rig)
         self._front_end = FrontEnd(rig, configuration or Configuration(), tracker, stage)
         self.configuration = self._front_end.configuration
@@ -165,9 +167,11 @@ class Odometry:
             self._measurements.add(cluster.stop, tracked.measurements, tracked.velocity_estimate)
             self._latest = self.estimator.latest()
         self.reports.append(report)
-        self._observer(Step(cluster, tracked, report, self.estimator))
+        step = Step(cluster, tracked, report, self.estimator)
+        self._observer(step)
         with self._stage("estimation"):
             self._measurements.prepare()
+        self._watcher(step)
         return report
 
     def _why_lost(self) -> str:

@@ -80,9 +80,9 @@ def live(
         warm_up(configuration)
     meter = CostMeter()
     with ExitStack() as opened:
+        odometry = LiveOdometry(rig, configuration, stage=meter.stage, right_offset=late)
         watch, seen = Watch(view, save, video), Seen()
-        observer = observers(seen, opened.enter_context(watch.observer(meter.stages)))
-        odometry = LiveOdometry(rig, configuration, observer, stage=meter.stage, right_offset=late)
+        odometry.watch(observers(seen, opened.enter_context(watch.observer(meter.stages))))
         session = LiveSession(odometry, rig, events, recorder)
         advance = opened.enter_context(_shown(session, folder, span[1]))
         interruption = opened.enter_context(end_at_ctrl_c(events.close))

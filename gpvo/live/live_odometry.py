@@ -14,7 +14,7 @@ from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.live.pairing import StereoPairing
 from gpvo.live.raw_events import NO_EVENTS, RawEvents
-from gpvo.observer import Observer, Step, no_observer
+from gpvo.observer import Observer, Step, no_observer, observers
 from gpvo.odometry import Odometry
 from gpvo.recordings import StereoEvents, StereoRig
 from gpvo.recordings.streams import EventBlock
@@ -77,8 +77,14 @@ class LiveOdometry:
         self._latest: MotionEstimate | None = None
         self._lock = Lock()
         self._closed = False
-        self._observers = [self._keep, observer]
-        self.odometry = Odometry(rig, configuration, stage, observer=self._observe)
+        self._observers, self._watchers = [self._keep, observer], list[Observer]()
+        self.odometry = Odometry(
+            rig,
+            configuration,
+            stage,
+            observer=lambda step: observers(*self._observers)(step),
+            watcher=lambda step: observers(*self._watchers)(step),
+        )
         self.reports = self.odometry.reports
         self._pairing = StereoPairing(rig, patience, right_offset, self.odometry.is_due)
 
@@ -143,6 +149,10 @@ class LiveOdometry:
         """Call one more observer after each cluster from now on."""
         self._observers.append(observer)
 
+    def watch(self, watcher: Observer) -> None:
+        """Call one that takes its time, when all is ready for the next estimate, from now on."""
+        self._watchers.append(watcher)
+
     def latest(self, t: float | None = None) -> MotionEstimate | None:
         """Return the estimate at the newest state, or extrapolated to t, in constant time.
 
@@ -183,10 +193,6 @@ class LiveOdometry:
 
     def _estimate(self, batch: StereoEvents | None) -> list[ClusterReport]:
         return list(self.odometry.estimated() if batch is None else self.odometry.push(batch))
-
-    def _observe(self, step: Step) -> None:
-        for observer in self._observers:
-            observer(step)
 
     def _keep(self, step: Step) -> None:
         self._latest = step.estimator.latest()

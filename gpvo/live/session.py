@@ -122,6 +122,7 @@ class LiveSession:
         self._to_estimate: list[float] = []
         self._progress: Callable[[ClusterReport], None] = lambda _: None
         live.observe(self._estimated)
+        live.watch(lambda step: self._progress(step.report))
 
     @property
     def faults(self) -> dict[str, int]:
@@ -215,4 +216,3 @@ class LiveSession:
         while self._to_estimate and latest is not None and self._to_estimate[0] <= latest.t:
             stop = self._to_estimate.pop(0)
             self.latency.estimated(start_ns + round(stop * 1e9), now)
-        self._progress(step.report)

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+from gpvo.events import ClusterEvents
 from gpvo.observer import Step
 from gpvo.view.event_image import Image, event_image
-from gpvo.view.tracks import Track, TrackHistory
+from gpvo.view.tracks import TrackHistory, Tracks
 
 
 class BestPicture:
-    """Keeps the left event image of the cluster with the most inliers.
+    """Keeps the left events of the cluster with the most inliers.
 
     Attributes
     ----------
-    image
-        (height, width, 3) RGB; None before the first cluster.
     tracks
-        Tracks that reach into that cluster.
+        Tracks that reach into that cluster; None before the first cluster.
     t
         Its end, seconds.
     """
@@ -23,8 +22,8 @@ class BestPicture:
     def __init__(self) -> None:
         self._history = TrackHistory()
         self._inliers = -1
-        self.image: Image | None = None
-        self.tracks: list[Track] = []
+        self._events: ClusterEvents | None = None
+        self.tracks: Tracks | None = None
         self.t = 0.0
 
     def __call__(self, step: Step) -> None:
@@ -32,4 +31,9 @@ class BestPicture:
         tracks = self._history.add(step.tracked)
         if step.report.inliers > self._inliers:
             self._inliers, self.t = step.report.inliers, step.report.stop
-            self.image, self.tracks = event_image(step.cluster.left), tracks
+            self._events, self.tracks = step.cluster.left, tracks
+
+    @property
+    def image(self) -> Image | None:
+        """(height, width, 3) RGB; None before the first cluster."""
+        return None if self._events is None else event_image(self._events)

@@ -93,16 +93,14 @@ def _ellipse(trajectory: Trajectory, t: float) -> Ellipse:
 
 def _picture(axes: Axes, best: BestPicture) -> None:
     axes.set_axis_off()
-    if best.image is None:
+    image, tracks = best.image, best.tracks
+    if image is None or tracks is None:
         return
-    axes.imshow(best.image, interpolation="nearest")
-    colours = [np.array(track.colour) / 255 for track in best.tracks]
-    lines = [track.left for track in best.tracks]
-    axes.add_collection(LineCollection(lines, colors=colours, linewidths=0.9))
-    inliers = sum(track.is_inlier for track in best.tracks)
-    axes.set_title(
-        f"left events at {best.t:.2f} s, {inliers} inlier tracks (green), others red", fontsize=8
-    )
+    axes.imshow(image, interpolation="nearest")
+    lines = LineCollection(list(tracks.left), colors=tracks.colours / 255, linewidths=0.9)
+    axes.add_collection(lines)
+    title = f"left events at {best.t:.2f} s, {tracks.inliers.sum()} inlier tracks (green)"
+    axes.set_title(f"{title}, others red", fontsize=8)
 
 
 def _velocity(axes: Axes, trajectory: Trajectory, t: Array, first: int, label: str) -> None:

@@ -9,21 +9,22 @@ import os
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from threading import Event
 from typing import Any
 from urllib.parse import quote
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
+from gpvo.events import ClusterEvents
 from gpvo.mapping import LandmarkMap
 from gpvo.observer import Step
 from gpvo.trajectory import MotionEstimate, StampedPoses, Trajectory
-from gpvo.view.event_image import Image, event_image
+from gpvo.view.event_image import COLOURS, event_signs
 from gpvo.view.path_so_far import PathSoFar
 from gpvo.view.rerun_layout import AXES, BLUE, GREEN, GREY, ORANGE, TIMELINE, layout
 from gpvo.view.tracks import TrackHistory
@@ -145,19 +146,22 @@ class RerunViewer:
 
     def _show_images(self, step: Step) -> None:
         rr, tracks = self._rr, self._tracks.add(step.tracked)
-        colours = [track.colour for track in tracks]
+        colours = tracks.colours
         for side in ("left", "right"):
-            image = event_image(getattr(step.cluster, side))
-            lines = [getattr(track, side) for track in tracks]
-            self._recording.log(f"{side}/events", self._picture(image))
+            lines = getattr(tracks, side)
+            self._recording.log(f"{side}/events", self._picture(getattr(step.cluster, side)))
             self._recording.log(f"{side}/tracks", rr.LineStrips2D(lines, colors=colours))
-            heads = [line[-1] for line in lines]
-            self._recording.log(f"{side}/heads", rr.Points2D(heads, colors=colours, radii=[1.2]))
+            heads = rr.Points2D(lines[:, -1], colors=colours, radii=[1.2])
+            self._recording.log(f"{side}/heads", heads)
 
-    def _picture(self, image: Image) -> Any:
-        """Return an image (height, width, 3) RGB as a PNG, quickly packed."""
-        _, png = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
-        return self._rr.EncodedImage(contents=png.tobytes(), media_type="image/png")
+    def _picture(self, events: ClusterEvents) -> Any:
+        """Return an event image as a PNG with a palette, which is small and quickly packed."""
+        from PIL import Image  # rerun needs it, too
+
+        image, png = Image.fromarray(event_signs(events)), BytesIO()
+        image.putpalette(COLOURS.tobytes())
+        image.save(png, "PNG", compress_level=1)
+        return self._rr.EncodedImage(contents=png.getvalue(), media_type="image/png")
 
     def _show_counts(self, step: Step) -> None:
         for name in ("tracklets", "inliers"):

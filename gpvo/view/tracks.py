@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from gpvo.front_end import TrackedCluster
 
 Array = NDArray[np.float64]
-Colour = tuple[int, int, int]
 
 LONGEST = 12
 """Number of latest points of a track that are shown."""
@@ -21,61 +20,55 @@ YOUNG_COLOUR, OLD_COLOUR, OUTLIER = (80, 190, 90), (10, 70, 60), (210, 20, 20)
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
-    """A landmark's latest measurements.
+class Tracks:
+    """The latest measurements of N landmarks.
 
     Attributes
     ----------
     left, right
-        (N, 2) rectified pixels, the newest last.
+        (N, LONGEST, 2) rectified pixels, the newest last; shorter tracks begin with their first
+        pixel, several times.
     age
-        Seconds since it was first seen.
-    is_inlier
-        It agrees with the velocity of the newest cluster.
+        (N,) seconds since they were first seen.
+    inliers
+        (N,) bool, they agree with the velocity of the newest cluster.
     """
 
     left: Array
     right: Array
-    age: float
-    is_inlier: bool
+    age: Array
+    inliers: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.age)
 
     @property
-    def colour(self) -> Colour:
-        """RGB by age, or that of outliers."""
-        if not self.is_inlier:
-            return OUTLIER
-        share = min(1.0, self.age / OLD)
+    def colours(self) -> NDArray[np.uint8]:
+        """(N, 3) RGB by age, or that of outliers."""
+        share = np.minimum(1.0, self.age / OLD)[:, None]
         mixed = (1 - share) * np.array(YOUNG_COLOUR) + share * np.array(OLD_COLOUR)
-        red, green, blue = np.rint(mixed).astype(int).tolist()
-        return red, green, blue
+        return np.where(self.inliers[:, None], np.rint(mixed), OUTLIER).astype(np.uint8)
 
 
 class TrackHistory:
     """Collects the measurements of the landmarks that are seen, cluster by cluster."""
 
     def __init__(self) -> None:
-        self._seen: dict[int, Array] = {}
-        self._first: dict[int, float] = {}
+        self._rows: dict[int, int] = {}
+        self._pixels, self._first = np.empty((0, LONGEST, 4)), np.empty(0)
 
-    def add(self, tracked: TrackedCluster) -> list[Track]:
+    def add(self, tracked: TrackedCluster) -> Tracks:
         """Return the tracks that reach into the newest cluster."""
         earlier, later = tracked.earlier, tracked.later
-        numbers = later.landmark.tolist()
-        first: dict[int, float] = dict(zip(numbers, earlier.t.tolist(), strict=True))
-        before, now = (_pixels(measured.stereo) for measured in (earlier, later))
-        known = first | self._first
-        self._first = {number: known[number] for number in numbers}
-        self._seen = {
-            number: np.concatenate([self._seen.get(number, before[k : k + 1]), now[k : k + 1]])[
-                -LONGEST:
-            ]
-            for k, number in enumerate(numbers)
-        }
-        ages = later.t - np.array([self._first[number] for number in numbers])
-        return [
-            Track(seen[:, :2], seen[:, 2:], float(age), bool(inlier))
-            for seen, age, inlier in zip(self._seen.values(), ages, tracked.inliers, strict=True)
-        ]
+        landmarks = later.landmark.tolist()
+        rows = np.array([self._rows.get(landmark, -1) for landmark in landmarks], np.int64)
+        known, before = rows >= 0, _pixels(earlier.stereo)
+        pixels, first = np.repeat(before[:, None], LONGEST, axis=1), earlier.t.copy()
+        pixels[known], first[known] = self._pixels[rows[known]], self._first[rows[known]]
+        pixels = np.concatenate([pixels[:, 1:], _pixels(later.stereo)[:, None]], axis=1)
+        self._rows = {landmark: row for row, landmark in enumerate(landmarks)}
+        self._pixels, self._first = pixels, first
+        return Tracks(pixels[..., :2], pixels[..., 2:], later.t - first, tracked.inliers)
 
 
 def _pixels(stereo: Array) -> Array:

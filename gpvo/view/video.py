@@ -12,7 +12,7 @@ from gpvo.errors import InputError
 from gpvo.observer import Step
 from gpvo.view.event_image import Image, event_image
 from gpvo.view.path_so_far import PathSoFar
-from gpvo.view.tracks import Track, TrackHistory
+from gpvo.view.tracks import TrackHistory, Tracks
 
 RATE = 30.0
 """Pictures per second, at the recording's own pace."""
@@ -67,7 +67,7 @@ class VideoWriter:
             raise InputError(f"{self._file}: the video cannot be written")
         return self._video
 
-    def _picture(self, step: Step, tracks: list[Track]) -> Image:
+    def _picture(self, step: Step, tracks: Tracks) -> Image:
         """Return the event images, the path and a line of text, (height, width, 3) RGB."""
         left, right = (
             _with_tracks(event_image(getattr(step.cluster, side)), tracks, side)
@@ -103,16 +103,14 @@ def _path_picture(path: NDArray[np.float64], side: int) -> Image:
     return image
 
 
-def _with_tracks(image: Image, tracks: list[Track], side: str) -> Image:
+def _with_tracks(image: Image, tracks: Tracks, side: str) -> Image:
     """Enlarge an event image by a whole number and draw the tracks of one camera."""
     factor = max(1, HEIGHT // image.shape[0])
     large = np.repeat(np.repeat(image, factor, axis=0), factor, axis=1)
-    for track in tracks:
-        points = factor * (getattr(track, side) + 0.5) - 0.5
-        drawn = [np.rint(8 * points).astype(np.int32)[:, None]]
-        cv2.polylines(large, drawn, False, track.colour, 1, cv2.LINE_AA, shift=3)
-        head = tuple(np.rint(8 * points[-1]).astype(int).tolist())
-        cv2.circle(large, head, 16, track.colour, -1, cv2.LINE_AA, shift=3)
+    points = np.rint(8 * (factor * (getattr(tracks, side) + 0.5) - 0.5)).astype(np.int32)
+    for line, colour in zip(points, tracks.colours.tolist(), strict=True):
+        cv2.polylines(large, [line[:, None]], False, colour, 1, cv2.LINE_AA, shift=3)
+        cv2.circle(large, line[-1].tolist(), 16, colour, -1, cv2.LINE_AA, shift=3)
     return large
 
 

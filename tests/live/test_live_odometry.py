@@ -266,6 +266,28 @@ def test_a_cluster_is_estimated_while_the_caller_goes_on_and_close_waits_for_it(
     assert len(threads) == len(live.reports) > 0 and get_ident() not in threads
 
 
+def test_watchers_are_called_when_all_is_ready_for_the_next_estimate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    live, calls = LiveOdometry(room().rig, CONFIG), []
+    estimator = live.odometry.estimator
+    prepare = estimator.prepare
+
+    def note_and_prepare() -> None:
+        calls.append("prepare")
+        prepare()
+
+    monkeypatch.setattr(estimator, "prepare", note_and_prepare)
+    live.watch(lambda _: calls.append("watch"))
+    live.observe(lambda _: calls.append("observe"))
+    sides = [raw(side.between(0.0, 0.5)) for side in (room().left, room().right)]
+    live.push(*sides)
+    live.settle()
+    estimated = [k for k, call in enumerate(calls) if call == "observe"]
+    assert len(estimated) == len(live.reports) > 0
+    assert all(calls[k : k + 3] == ["observe", "prepare", "watch"] for k in estimated)
+
+
 def test_nothing_pushed_is_no_trajectory() -> None:
     with LiveOdometry(room().rig) as live:
         live.push()
