@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +14,7 @@ from factors import StereoCamera
 from gpvo.config import Configuration, for_camera, in_full_pixels
 from gpvo.events import Clustering, ImageMotion, StereoCluster
 from gpvo.mc_ransac import VelocityFit, mc_ransac, segments_between
-from gpvo.recordings import StereoEvents, StereoRig
+from gpvo.recordings import StereoRig
 from gpvo.tracking import (
     EgoMotion,
     ImageAcceleration,
@@ -108,10 +108,6 @@ class FrontEnd:
         self._image_motion: ImageMotion | None = None
         self._stage = stage
         self.clustering = Clustering(rig, self.configuration.clustering, lambda: self._image_motion)
-
-    def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
-        """Cut a stream into clusters, each to be processed before the next one is taken."""
-        return self.clustering.clusters(batches)
 
     def limit_features(self, share: float) -> None:
         """Track a share of the configured features, from 0 to 1, as long as time is short.

@@ -60,7 +60,7 @@ class Odometry:
         self.reports: list[ClusterReport] = []
         self.tracked_until = 0.0
         self._stage, self._observer, self._watcher = stage, observer, watcher
-        self._watch = FaultWatch(rig)
+        self._watch, self._unwatched = FaultWatch(rig), list[StereoEvents]()
         self._front_end = FrontEnd(rig, configuration or Configuration(), tracker, stage)
         self.configuration = self._front_end.configuration
         self.camera = self._front_end.camera
@@ -87,7 +87,7 @@ class Odometry:
         InputError
             If the events are faulty, or no landmark could be tracked in any cluster.
         """
-        batches = prefetched(recording.event_batches(start, start + duration))
+        batches = recording.event_batches(start, start + duration)
         for report in self.reports_of(takewhile(lambda _: not ended(), batches)):
             if progress is not None:
                 progress(report)
@@ -99,9 +99,10 @@ class Odometry:
     def reports_of(self, batches: Iterable[StereoEvents]) -> Iterator[ClusterReport]:
         """Estimate the motion during a whole stream, and report every cluster.
 
-        Nothing is estimated while a report is out, so that the estimator may be asked then.
+        Nothing is estimated while a report is out, so that the estimator may be asked then. The
+        batches are taken ahead, in a thread of their own.
         """
-        yield from self._reports(self._front_end.clusters(self._watched(batches)))
+        yield from self._reports(self._clusters(batches))
         yield from self._ended()
 
     def push(self, batch: StereoEvents) -> Iterator[ClusterReport]:
@@ -110,8 +111,9 @@ class Odometry:
         The latest may still be estimated when this returns, and is reported by a later call. A
         batch that starts later than the one before stopped follows time without data.
         """
-        yield from self._reports(self._front_end.clustering.add(batch))
-        self._watch.see_events(batch)
+        clustering = self._front_end.clustering
+        yield from self._reports(clustering.add(clustering.without_noise(batch)))
+        self._unwatched.append(batch)
         yield from self.estimated()
 
     def estimated(self) -> Iterator[ClusterReport]:
@@ -143,25 +145,37 @@ class Odometry:
                 report = ClusterReport.of(cluster, tracked)
                 yield from self._estimates.wait()
                 self._front_end.tell_pose(self._latest)
-                self._estimates.start(self._estimate, cluster, tracked, report)
+                batches, self._unwatched = self._unwatched, []
+                self._estimates.start(self._estimate, cluster, tracked, report, batches)
                 self._front_end.extend()
-                self._watch.see_cluster(cluster, report)
+
+    def _clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
+        """Cut a whole stream into clusters; events are read and filtered beside this."""
+        clustering = self._front_end.clustering
+        filtered = ((batch, clustering.without_noise(batch)) for batch in batches)
+        for batch, without_noise in prefetched(filtered):
+            yield from clustering.add(without_noise)
+            self._unwatched.append(batch)
+        yield from clustering.end()
 
     def _ended(self) -> Iterator[ClusterReport]:
         yield from self._estimates.wait()
+        for batch in self._unwatched:
+            self._watch.see_events(batch)
         with one_blas_thread():
             self._measurements.flush()
 
-    def _watched(self, batches: Iterable[StereoEvents]) -> Iterator[StereoEvents]:
-        """The same batches, each looked at for faults once its clusters are tracked."""
-        for batch in batches:
-            yield batch
-            self._watch.see_events(batch)
-
     def _estimate(
-        self, cluster: StereoCluster, tracked: TrackedCluster, report: ClusterReport
+        self,
+        cluster: StereoCluster,
+        tracked: TrackedCluster,
+        report: ClusterReport,
+        batches: list[StereoEvents],
     ) -> ClusterReport:
-        """Estimate the motion during a cluster; what can be done after that is."""
+        """Estimate the motion during a cluster; what can be done after that is.
+
+        It, and the batches that came since the cluster before, are looked at for faults.
+        """
         # With several threads of BLAS results would differ in their last bits.
         with self._stage("estimation"), one_blas_thread():
             self._measurements.add(cluster.stop, tracked.measurements, tracked.velocity_estimate)
@@ -172,6 +186,9 @@ class Odometry:
         with self._stage("estimation"):
             self._measurements.prepare()
         self._watcher(step)
+        for batch in batches:
+            self._watch.see_events(batch)
+        self._watch.see_cluster(cluster, report)
         return report
 
     def _why_lost(self) -> str:

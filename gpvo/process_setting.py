@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -59,3 +60,16 @@ def _short_switch_interval() -> Iterator[None]:
 quick_switches = ProcessSetting(_short_switch_interval)
 """Threads take the interpreter from each other quickly: one that returns from a kernel, which many
 calls of the front end are, would wait 5 ms for it, longer than the kernel took."""
+
+
+@contextmanager
+def _old_objects_left_alone() -> Iterator[None]:
+    gc.collect()
+    gc.freeze()
+    yield
+    gc.unfreeze()
+
+
+short_collections = ProcessSetting(_old_objects_left_alone)
+"""Python's garbage collector leaves alone what exists now: it stops all threads for a tenth of a
+second whenever it looks at all objects."""

@@ -132,8 +132,20 @@ class Clustering:
         ]
         self._start = self._end = -np.inf
 
+    def without_noise(self, batch: StereoEvents) -> StereoEvents:
+        """Return the next batch as the noise filter leaves it; in any thread, ahead of `add`.
+
+        Both cameras' events are filtered at once if they are many: a thread costs time too.
+        """
+        left, right = (side.filter for side in self._sides)
+        if len(batch.left) + len(batch.right) < MANY:
+            passed = left(batch.left), right(batch.right)
+        else:
+            passed = both(lambda: left(batch.left), lambda: right(batch.right))
+        return StereoEvents(batch.start, batch.stop, *passed)
+
     def add(self, batch: StereoEvents) -> Iterator[StereoCluster]:
-        """Yield the clusters that the next batch completes.
+        """Yield the clusters that the next batch, without noise, completes.
 
         Each is to be processed before the next one is taken. A batch that starts later than the
         one before stopped follows time without data, which is in no cluster.
@@ -142,7 +154,8 @@ class Clustering:
             yield from self.end()
             self._start = batch.start
         self._end = batch.stop
-        self._add(batch)
+        for side, events in zip(self._sides, (batch.left, batch.right), strict=True):
+            side.add(events)
         while (stop := self._next_stop()) <= self._end:
             yield from self._without_flashes(self._take(stop))
 
@@ -161,19 +174,10 @@ class Clustering:
         """Make clusters so many times longer than usual."""
         self._length.times = times
 
-    def _add(self, batch: StereoEvents) -> None:
-        """Add the events of both cameras, at once if they are many: a thread costs time too."""
-        left, right = self._sides
-        if len(batch.left) + len(batch.right) < MANY:
-            left.add(batch.left)
-            right.add(batch.right)
-        else:
-            both(lambda: left.add(batch.left), lambda: right.add(batch.right))
-
     def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
         """Yield the clusters of a whole stream."""
         for batch in batches:
-            yield from self.add(batch)
+            yield from self.add(self.without_noise(batch))
         yield from self.end()
 
     def end(self) -> Iterator[StereoCluster]:
@@ -229,7 +233,7 @@ class _PendingEvents:
         config: ClusteringConfig,
     ) -> None:
         self._table, self._resolution = table, resolution
-        self._filter = EventFilter(camera.resolution, config)
+        self.filter = EventFilter(camera.resolution, config)
         self._pixels = camera.resolution[0] * camera.resolution[1]
         self._events = Events.empty()
 
@@ -237,8 +241,8 @@ class _PendingEvents:
         return len(self._events)
 
     def add(self, events: Events) -> None:
-        """Add the next events of the stream."""
-        self._events = Events.concatenate([self._events, self._filter(events)])
+        """Add the next events of the stream, filtered."""
+        self._events = Events.concatenate([self._events, events])
 
     def full_at(self, limit: int) -> float:
         """Return the time just after so many events, seconds; inf if there are fewer."""
@@ -249,7 +253,7 @@ class _PendingEvents:
     def take(self, start: float, stop: float) -> ClusterEvents:
         """Return the events before `stop`, seconds, as a cluster's, and keep the others."""
         events = self._events.between(-np.inf, stop)
-        noise = self._filter.noise(start, stop)
+        noise = self.filter.noise(start, stop)
         self._events = self._events.between(stop, np.inf)
         return ClusterEvents(
             events,
@@ -257,7 +261,7 @@ class _PendingEvents:
             self._resolution,
             noise_rate=noise.rate,
             noise_count=noise.passing * self._pixels * (stop - start),
-            left_out=self._filter.left_out(stop),
+            left_out=self.filter.left_out(stop),
         )
 
 

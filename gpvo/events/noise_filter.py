@@ -69,7 +69,7 @@ class EventFilter:
 
     An event that repeats pixel and time of the one before is left out: a topic that was recorded
     twice does no harm. What it says of a time follows from the events before that time, however
-    they come in batches.
+    they come in batches: it may be asked in one thread while another one gives it events.
     """
 
     def __init__(self, resolution: tuple[int, int], config: ClusteringConfig) -> None:
@@ -87,7 +87,7 @@ class EventFilter:
         self._hot = config.hot_pixel_ratio
         self._window: int | None = None
         self._noise = deque([Noise(-np.inf, -np.inf, 0.0, 0.0)])
-        self._left_out = [np.empty(0), np.empty(0)]
+        self._left_out = deque[NDArray[np.float64]](), deque[NDArray[np.float64]]()
 
     def noise(self, start: float, stop: float) -> Noise:
         """Return the background activity at `start` as the events before `stop` tell it, seconds.
@@ -105,8 +105,7 @@ class EventFilter:
 
         They are background activity, and of hot pixels.
         """
-        background, hot = (int(np.searchsorted(t, stop)) for t in self._left_out)
-        self._left_out = [self._left_out[0][background:], self._left_out[1][hot:]]
+        background, hot = (_take_before(times, stop) for times in self._left_out)
         return background, hot
 
     def __call__(self, events: Events) -> Events:
@@ -119,8 +118,8 @@ class EventFilter:
             self._judge(events[first:last], fate[first:last])
         if not fate.any():
             return events
-        for index, kind in enumerate((BACKGROUND, HOT)):
-            self._left_out[index] = np.append(self._left_out[index], events.t[fate == kind])
+        for times, kind in zip(self._left_out, (BACKGROUND, HOT), strict=True):
+            times.append(events.t[fate == kind])
         return events[fate == KEPT]
 
     def _begin(self, window: int, t: float) -> None:
@@ -154,6 +153,19 @@ class EventFilter:
             self._hot,
             fate,
         )
+
+
+def _take_before(times: deque[NDArray[np.float64]], stop: float) -> int:
+    """Remove the times, in order, before `stop`, and return their number."""
+    count = 0
+    while times:
+        part = times.popleft()
+        before = int(np.searchsorted(part, stop))
+        count += before
+        if before < len(part):
+            times.appendleft(part[before:])
+            break
+    return count
 
 
 def windows(t: NDArray[np.float64]) -> Iterator[tuple[int, int, int]]:

@@ -16,7 +16,7 @@ from gpvo.live.load import LONGEST, Load
 from gpvo.live.repair import Repair
 from gpvo.live.sources.packet import Packet, Source
 from gpvo.observer import Step
-from gpvo.process_setting import quick_switches
+from gpvo.process_setting import quick_switches, short_collections
 from gpvo.recordings import StereoRig
 from gpvo.recordings.streams import EventBlock
 
@@ -135,17 +135,17 @@ class LiveSession:
         `progress` is called after each cluster, in the thread that estimates.
         """
         self._progress = progress
-        intake = Intake(self._source)
-        try:
-            with quick_switches():
+        with quick_switches(), short_collections():
+            intake = Intake(self._source)
+            try:
                 while packets := intake.take():
                     if self._has_time(packets[0]):
                         self._process(packets)
                     else:
                         self._discard([*packets, *intake.take_all()])
-            self.load.discarded += intake.discarded
-        finally:
-            intake.close()
+                self.load.discarded += intake.discarded
+            finally:
+                intake.close()
 
     def end(self) -> None:
         """End the source, so that `run` ends."""

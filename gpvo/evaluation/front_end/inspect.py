@@ -142,7 +142,7 @@ def inspect(
     inspector = _Inspector(recording, truth, configuration)
     batches = recording.event_batches(start, start + duration)
     clusters = []
-    for cluster in inspector.front_end.clusters(batches):
+    for cluster in inspector.front_end.clustering.clusters(batches):
         clusters.append(inspector.process(cluster))
         if progress is not None:
             progress(clusters[-1])
