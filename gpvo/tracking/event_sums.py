@@ -13,6 +13,9 @@ Array = NDArray[np.float64]
 Flow = NDArray[np.float32]
 """(rows, columns, 2) image motion in the middles of cells, pixels per second."""
 
+Moved = NDArray[np.float32]
+"""(N, 3) pixels (u, v) and delays of events, seconds."""
+
 Sums = NDArray[np.float32]
 """(height, width, 2) number of events of each pixel, and sum of their delays, seconds."""
 
@@ -20,6 +23,9 @@ CELL = 8
 """Side of the cells of averaged image motion, pixels; motion is interpolated between cells."""
 FINE = 4
 """Side of the cells whose events are moved alike, pixels: interpolating for each takes too long."""
+TOGETHER = 256
+"""Number of events that are moved before they are added."""
+FAST = {"contract", "nsz"}
 
 
 @kernel
@@ -54,7 +60,7 @@ def fine_flow(flow: Flow) -> Flow:
     return np.asarray(cv2.resize(flow, size, interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-@njit(**KERNEL, fastmath={"contract", "nsz"})
+@njit(**KERNEL, fastmath=FAST)
 def add_events(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
@@ -71,31 +77,65 @@ def add_events(
     these wide. `fine` is the image motion of FINE cells, that of the last one beyond them. Where a
     table holds NaN, as some do, events are left out.
     """
-    height, width, _ = sums.shape
+    moved = np.empty((TOGETHER, 3), np.float32)
+    for first in range(0, len(t), TOGETHER):
+        part = slice(first, min(first + TOGETHER, len(t)))
+        count = _move(x[part], y[part], t[part], table, side, reference, fine, sums.shape, moved)
+        _add(moved[:count], sums)
+
+
+@njit(**KERNEL, fastmath=FAST)
+def _move(
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    t: Array,
+    table: NDArray[np.float32],
+    side: int,
+    reference: float,
+    fine: Flow,
+    shape: tuple[int, int, int],
+    moved: Moved,
+) -> int:
+    """Set where events are at the reference time, and their delays; return how many are inside.
+
+    Nothing depends on the event before, so that the processor works on several at once.
+    """
     rows, columns, _ = fine.shape
-    # float32 and unsigned indices: events are many, and no index is negative.
-    last_row, last_column = np.uint64(rows - 1), np.uint64(columns - 1)
-    right_end, low_end = np.float32(width - 1), np.float32(height - 1)
+    # 32 bits: these are converted in one step. Indices without a sign need no check for one.
+    last_row, last_column = np.int32(rows - 1), np.int32(columns - 1)
+    right_end, low_end = np.float32(shape[1] - 1), np.float32(shape[0] - 1)
     scale, shift = np.float32(1 / side), np.float32((side - 1) / (2 * side))
-    half, one = np.float32(0.5), np.float32(1)
+    half, nothing, count = np.float32(0.5), np.float32(0), np.uint64(0)
     for i in range(len(t)):
         place = table[np.uint64(y[i]), np.uint64(x[i])]
         u, v = place[0] * scale - shift, place[1] * scale - shift
-        if not (-half <= u < right_end + half and -half <= v < low_end + half):
-            continue
+        inside = -half <= u < right_end + half and -half <= v < low_end + half
+        u, v = u if inside else nothing, v if inside else nothing
         delay = np.float32(t[i] - reference)
-        cell_row = min(np.uint64(v + half) // np.uint64(FINE), last_row)
-        motion = fine[cell_row, min(np.uint64(u + half) // np.uint64(FINE), last_column)]
+        row = min(np.int32(v + half) // np.int32(FINE), last_row)
+        column = min(np.int32(u + half) // np.int32(FINE), last_column)
+        motion = fine[np.uint64(row), np.uint64(column)]
         u, v = u - delay * motion[0], v - delay * motion[1]
-        if not (0 <= u < right_end and 0 <= v < low_end):
-            continue
-        column, row = np.uint64(u), np.uint64(v)
+        moved[count, 0], moved[count, 1], moved[count, 2] = u, v, delay
+        count += np.uint64(inside and 0 <= u < right_end and 0 <= v < low_end)
+    return int(count)
+
+
+@njit(**KERNEL, fastmath=FAST)
+def _add(moved: Moved, sums: Sums) -> None:
+    """Share events among the four pixels around them."""
+    one = np.float32(1)
+    for i in range(len(moved)):
+        u, v, delay = moved[i]
+        column, row = np.int32(u), np.int32(v)
         right, low = u - np.float32(column), v - np.float32(row)
-        _share(sums[row, column:], (one - low) * (one - right), (one - low) * right, delay)
-        _share(sums[row + np.uint64(1), column:], low * (one - right), low * right, delay)
+        upper = sums[np.uint64(row), np.uint64(column) :]
+        lower = sums[np.uint64(row + 1), np.uint64(column) :]
+        _share(upper, (one - low) * (one - right), (one - low) * right, delay)
+        _share(lower, low * (one - right), low * right, delay)
 
 
-@njit(**KERNEL, fastmath={"contract", "nsz"})
+@njit(**KERNEL, fastmath=FAST)
 def _share(pixels: Sums, left: float, right: float, delay: float) -> None:
     """Add the shares of an event to two pixels side by side."""
     pixels[0, 0] += left
