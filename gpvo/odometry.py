@@ -145,7 +145,7 @@ class Odometry:
                 report = ClusterReport.of(cluster, tracked)
                 yield from self._estimates.wait()
                 self._front_end.tell_pose(self._latest)
-                batches, self._unwatched = self._unwatched, []
+                batches = self._take_unwatched()
                 self._estimates.start(self._estimate, cluster, tracked, report, batches)
                 self._front_end.extend()
 
@@ -158,9 +158,14 @@ class Odometry:
             self._unwatched.append(batch)
         yield from clustering.end()
 
+    def _take_unwatched(self) -> list[StereoEvents]:
+        """Return the batches that were not looked at for faults yet."""
+        batches, self._unwatched = self._unwatched, []
+        return batches
+
     def _ended(self) -> Iterator[ClusterReport]:
         yield from self._estimates.wait()
-        for batch in self._unwatched:
+        for batch in self._take_unwatched():
             self._watch.see_events(batch)
         with one_blas_thread():
             self._measurements.flush()

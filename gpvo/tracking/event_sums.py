@@ -79,8 +79,8 @@ def add_events(
     """
     moved = np.empty((TOGETHER, 3), np.float32)
     for first in range(0, len(t), TOGETHER):
-        part = slice(first, min(first + TOGETHER, len(t)))
-        count = _move(x[part], y[part], t[part], table, side, reference, fine, sums.shape, moved)
+        events = x[first:], y[first:], t[first : first + TOGETHER]
+        count = _move(*events, table, side, reference, fine, sums.shape, moved)
         _add(moved[:count], sums)
 
 

@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gpvo.config import ClusteringConfig
-from gpvo.events import ClusterEvents, ImageMotion, StereoCluster, cluster_events
+from gpvo.events import (
+    ClusterEvents,
+    Clustering,
+    ImageMotion,
+    StereoCluster,
+    cluster_events,
+)
 from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 
 HEIGHT, WIDTH = 12, 16
@@ -105,10 +111,14 @@ def test_a_cluster_ends_by_time_or_by_the_count_of_either_camera(
 def test_clusters_do_not_depend_on_the_batches(
     seed: int, cuts: list[float], config: ClusteringConfig, motion: ImageMotion | None
 ) -> None:
-    """Not of the noise filter's and the flash detector's judgement either."""
+    """Nor do the noise filter's and the flash detector's judgement, however far ahead events go."""
     left, right = random_stream(seed)
     whole, parts = (clusters(left, right, c, config, motion) for c in ([], cuts))
-    for a, b in zip(whole, parts, strict=True):
+    ahead = Clustering(RIG, config, lambda: motion)
+    filtered = [ahead.without_noise(batch) for batch in event_batches(left, right, cuts)]
+    found = [cluster for batch in filtered for cluster in ahead.add(batch)]
+    found += ahead.end()
+    for a, b in (*zip(whole, parts, strict=True), *zip(whole, found, strict=True)):
         assert (a.start, a.stop, a.flash) == (b.start, b.stop, b.flash)
         for x, y in ((a.left, b.left), (a.right, b.right)):
             np.testing.assert_array_equal(x.surface_of_active_events, y.surface_of_active_events)
