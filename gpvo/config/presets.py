@@ -63,6 +63,7 @@ PAPER: dict[str, Any] = {
         "interval": 0.0,
         "window": 5,
         "lost_landmarks": 0,
+        "settling": 0.0,
         "relative_decrease": 0.01,
         "bridge": 0.0,
     },

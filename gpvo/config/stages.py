@@ -449,6 +449,13 @@ class EstimatorConfig(StageConfig):
         gt=0,
         description="Lag in seconds, instead of the one in clusters; null for that one.",
     )
+    settling: float = Field(
+        default=0.25,
+        ge=0,
+        description="Time in which states that left the window of fixed_lag still follow its "
+        "corrections, which else are a step in the path, seconds: later they are final. 0 moves "
+        "the states since the key state before alone.",
+    )
     state_interval: float = Field(
         default=0.0,
         ge=0,

@@ -37,7 +37,7 @@ class Estimator(Protocol):
 
     @property
     def states(self) -> States:
-        """States in the window as estimated now."""
+        """States that may still change, as estimated now."""
         ...
 
     def final_states(self, after: float = ...) -> States:

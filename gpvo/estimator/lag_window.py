@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from factors import StatesBetween
 from gpvo.estimator.dead_reckoning import DeadReckoning
-from gpvo.estimator.final_states import correct_final_states
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
 from gpvo.estimator.initialization import InitialState, start_states
@@ -80,6 +79,8 @@ class LagWindow:
         How many key states GTSAM has; later ones are predicted.
     landmarks
         The measurements in the window, and the factor of them.
+    leaves
+        The states that leave it with the next update.
     knots
         Covariances of the states that left the window.
     """
@@ -98,7 +99,7 @@ class LagWindow:
         self.between: StatesBetween | None = None
         self.landmarks = WindowLandmarks(build)
         self.knots = WindowKnots(build.config.covariance_interval)
-        self._smoother, self._leaves = KeyStateSmoother(), NOTHING
+        self._smoother, self.leaves = KeyStateSmoother(), NOTHING
 
     def __len__(self) -> int:
         return len(self.keys)
@@ -187,7 +188,7 @@ class LagWindow:
 
     def let_leave(self, leaves: Leaving) -> None:
         """Marginalise states at the next update, and keep their covariances."""
-        self._leaves = leaves
+        self.leaves = leaves
         self.knots.extend(leaves.knots)
 
     def begin(self, update: GraphUpdate, t: float, velocity: VelocityFit | None) -> None:
@@ -212,7 +213,7 @@ class LagWindow:
         RuntimeError, IndexError, ValueError
             If that fails; a factor of a user's own raises what it likes.
         """
-        count, left = self._leaves.count, self._leaves.landmarks
+        count, left = self.leaves.count, self.leaves.landmarks
         self.landmarks.add(new)
         own = factors_that_leave(update.factors, self.numbered, count)
         is_late = bool((new.t < self.keys.t[count]).any())
@@ -220,8 +221,8 @@ class LagWindow:
             left = self._marginalised(count, own, not is_late)
         self.landmarks.follow(update, self.numbered.after(count), left)
 
-    def solve(self, update: GraphUpdate) -> States:
-        """Update GTSAM's smoother, take over its estimate; return the states that are final now.
+    def solve(self, update: GraphUpdate) -> None:
+        """Update GTSAM's smoother, and take over its estimate.
 
         Raises
         ------
@@ -229,24 +230,20 @@ class LagWindow:
             If that fails; a factor of a user's own raises what it likes.
         """
         more_steps = GUESSED_STEPS if self._reckoning.in_window else 0
-        times = float(self.keys.t[-1]), self._leaves.before
+        times = float(self.keys.t[-1]), self.leaves.before
         self.landmarks.updated(self._smoother.update(update, *times, more_steps))
-        left = self._leaves.count
-        newest = self._smoother.states(self.numbers[left:], self.keys.t[left:])
-        final = correct_final_states(self._leaves.states, newest[:1])[:-1] if left else States()
-        self._leave(newest)
-        self.solved = len(newest)
+        count = self.leaves.count
+        self._leave(self._smoother.states(self.numbers[count:], self.keys.t[count:]))
+        self.solved = len(self.keys)
         self.between = self.landmarks.states_between(self.numbered)
-        return final
 
-    def again(self, forget: bool = False) -> tuple[GraphUpdate, States]:
-        """Return everything in the window, for a new smoother, and the states that are final now.
+    def again(self, forget: bool = False) -> GraphUpdate:
+        """Return everything in the window, for a new smoother.
 
         The landmarks' prior may be forgotten.
         """
-        count, final = self._leaves.count, States()
+        count = self.leaves.count
         if count:
-            final = self._leaves.states[:-1]
             self._leave(self.keys[count:])
         self._smoother, update = KeyStateSmoother(), GraphUpdate()
         motion = self._motion_since(0)
@@ -254,7 +251,7 @@ class LagWindow:
         update.add_states(self.numbered)
         # A prior is of the first state; with another one it says nothing.
         self.landmarks.add_all_to(update, self.numbered, forget or count > 0)
-        return update, final
+        return update
 
     def predict(self) -> None:
         """Forget the measurements, and carry the first state on at its velocity."""
@@ -267,8 +264,8 @@ class LagWindow:
 
     def _leave(self, stays: States) -> None:
         """Begin the window at the first key state that stays."""
-        self.first, self.keys = self.first + self._leaves.count, stays
-        self._leaves = NOTHING
+        self.first, self.keys = self.first + self.leaves.count, stays
+        self.leaves = NOTHING
         self.own.keep({key(k) for k in self.numbers for key in (X, V)})
         self._reckoning.forget(float(stays.t[0]))
 

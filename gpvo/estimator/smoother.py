@@ -15,6 +15,7 @@ from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.blas_threads import one_blas_thread
 from gpvo.estimator.dead_reckoning import ENOUGH, DeadReckoning
 from gpvo.estimator.diagnostics import Diagnostic, split_usable
+from gpvo.estimator.final_states import FinalStates
 from gpvo.estimator.gate import predicted_covariance, within_gate
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate
@@ -29,7 +30,7 @@ from gpvo.estimator.state_times import Lag, key_interval, key_times
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.motion_estimate import MotionEstimate
-from gpvo.trajectory.states import States, later_states
+from gpvo.trajectory.states import States
 from gpvo.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -77,7 +78,7 @@ class FixedLagSmoother:
         self._own, self._segments = OwnFactors(), Segments()
         self._window = self._new_window()
         self._leaving: Leaving | None = None
-        self._final: list[States] = []
+        self._final = FinalStates(self._config.settling)
         self._place: KnownPlace | None = None
 
     def update(
@@ -180,8 +181,11 @@ class FixedLagSmoother:
 
     @property
     def states(self) -> States:
-        """States in the window as estimated now: key states, and those at the measured times."""
-        return self._window.states
+        """States that may still change, as estimated now: key states, and those at measured times.
+
+        They are those in the window, and those that left it in the last `settling` seconds.
+        """
+        return States.concatenate([self._final.settling, self._window.states])
 
     @property
     def noise(self) -> NoiseConfig:
@@ -203,9 +207,9 @@ class FixedLagSmoother:
         if len(self._window) == 0:
             return None
         with one_blas_thread():
-            inside = self.states
+            inside = self._window.states
             knots = self._window.knots.followed_by(self._window.knots_of(inside))
-        states = States.concatenate([*self._final, inside])
+        states = States.concatenate([*self._final.parts, inside])
         knots = self._segments.all_knots(states, knots)
         from_first = not self._has_world
         return Trajectory.of_states(states, knots, self._build.noise, start_ns, from_first)
@@ -217,7 +221,7 @@ class FixedLagSmoother:
             return None
         with one_blas_thread():
             covariance = self._window.covariance()[-12:, -12:].copy()
-        T, first = keys.T_world_cam[-1], self._final[0] if self._final else keys
+        T, first = keys.T_world_cam[-1], next(filter(len, self._final.parts), keys)
         covariance[:6, :6] += self._segments.pose_covariance(T[None])[0]
         return MotionEstimate(
             float(keys.t[-1]),
@@ -229,13 +233,12 @@ class FixedLagSmoother:
 
     def final_states(self, after: float = -np.inf) -> States:
         """Return states later than `after`, seconds, that will not change any more."""
-        return later_states(self._final, after)
+        return self._final.after(after)
 
     @property
     def stored_bytes(self) -> int:
         """Size of the final estimates and their covariances."""
-        states = sum(part.nbytes for part in self._final)
-        return states + self._segments.nbytes + self._window.knots.nbytes
+        return self._final.nbytes + self._segments.nbytes + self._window.knots.nbytes
 
     def _new_window(self, first: int = 0) -> LagWindow:
         return LagWindow(self._build, self._own, self._reckoning, self._initial, first)
@@ -247,7 +250,7 @@ class FixedLagSmoother:
         window, start = self._window, float(new.t.min())
         last = max(int(np.searchsorted(window.keys.t, start, "right")) - 1, 0)
         ends = window.states_until(last)
-        states = States.concatenate([*self._final, ends])
+        states = States.concatenate([*self._final.parts, ends])
         knots = window.knots.followed_by(window.knots_of(ends))
         place = self._place_again(new, velocity) if start > ends.t[-1] else None
         if place is None:
@@ -260,7 +263,7 @@ class FixedLagSmoother:
             twist = self._initial.covariance[6:, 6:]
             self._segments.begin_apart(states, knots, t, place, twist)
             self._reckoning.end(t)
-        self._final += [known] if len(known) else []
+        self._final.end_segment(known)
         self._window, self._leaving = self._new_window(window.first + first), None
         self._lag = Lag(self._config)
         self._window.begin(update, t, velocity)
@@ -333,8 +336,8 @@ class FixedLagSmoother:
         return new
 
     def _solve(self, update: GraphUpdate, accepted: Measurements) -> None:
-        """Solve the window with new measurements, whatever happens; states that leave are final."""
-        solver = Solver(self._window)
+        """Solve the window with new measurements, whatever happens; others follow or are final."""
+        solver, leaves = Solver(self._window), self._window.leaves
         solver.solve(update, accepted)
-        self._final += solver.final
+        self._final.extend(leaves.states, self._window.keys[:1])
         self.diagnostics += solver.diagnostics

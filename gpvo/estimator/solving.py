@@ -12,7 +12,6 @@ from gpvo.estimator.graph_update import GraphUpdate
 from gpvo.estimator.lag_window import LagWindow
 from gpvo.estimator.own_factors import LEFT_OUT as OWN_LEFT_OUT
 from gpvo.tracking.measurements import Measurements
-from gpvo.trajectory.states import States
 
 SOLVED_AGAIN = "indeterminate: the window was solved again"
 LEFT_OUT = "indeterminate: all measurements in the window were left out"
@@ -23,27 +22,21 @@ class Solver:
 
     Attributes
     ----------
-    final
-        States that left the window.
     diagnostics
         What had to be left out.
     """
 
     def __init__(self, window: LagWindow) -> None:
         self._window, self._own = window, window.own
-        self.final: list[States] = []
         self.diagnostics: list[Diagnostic] = []
 
     def solve(self, update: GraphUpdate, new: Measurements) -> None:
         """Update the smoother with new measurements; if that fails make it again."""
         failure = self._failure(lambda: self._window.add_measurements(update, new))
-        failure = failure or self._failure(lambda: self._solve(update))
+        failure = failure or self._failure(lambda: self._window.solve(update))
         if failure is not None:
             self._report(f"{SOLVED_AGAIN} ({failure})")
             self._solve_again()
-
-    def _solve(self, update: GraphUpdate) -> None:
-        self._keep(self._window.solve(update))
 
     def _solve_again(self) -> None:
         """Make a smoother of the window: as it is, then without own factors, then without all."""
@@ -66,9 +59,8 @@ class Solver:
 
     def _is_solved(self, forget: bool = False) -> bool:
         """Make a smoother of all that is in the window; return whether it can be solved."""
-        update, final = self._window.again(forget)
-        self._keep(final)
-        return self._failure(lambda: self._solve(update)) is None
+        update = self._window.again(forget)
+        return self._failure(lambda: self._window.solve(update)) is None
 
     def _without_one_own_factor(self) -> bool:
         """Leave out the one factor of a user's own, if any, without which the window is solved."""
@@ -89,9 +81,6 @@ class Solver:
         except self._own.failures as error:
             return error
         return None
-
-    def _keep(self, final: States) -> None:
-        self.final += [final] if len(final) else []
 
     def _report(self, reason: str) -> None:
         key, t = key_name(X(self._window.first)), float(self._window.keys.t[0])

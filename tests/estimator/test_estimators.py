@@ -54,7 +54,7 @@ def test_every_unique_time_is_a_state(method: str) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_states_in_the_window_are_those_at_unique_times(method: str) -> None:
     """Of landmarks that are measured twice, once the window has moved on."""
-    estimator, parts = make(method=method, window=4), tracklets(clusters=9)
+    estimator, parts = make(method=method, window=4, settling=0.0), tracklets(clusters=9)
     estimator.update(PERIOD, NOTHING)
     assert len(estimator.states) == 0
     for number, part in enumerate(parts):

@@ -289,7 +289,14 @@ def test_a_cluster_in_two_parts_of_which_one_has_no_length_is_the_whole(interval
     assert deviation(halves, whole, whole.stop - 2 * PERIOD).max() < 0.05
 
 
-@pytest.mark.parametrize("settings", [{}, {"state_interval": 0.1}, {"loss": "cauchy"}])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"settling": 0.1},
+        {"settling": 0.0, "state_interval": 0.1},
+        {"settling": 0.1, "loss": "cauchy"},
+    ],
+)
 def test_final_states_stay_and_the_same_input_gives_the_same_bits(
     settings: dict[str, object],
 ) -> None:

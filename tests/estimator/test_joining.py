@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from factors.lie import se3_exp
-from gpvo.estimator.final_states import correct_final_states
+from factors.lie import se3_adjoint, se3_exp, se3_inverse, se3_log
+from gpvo.estimator.final_states import FinalStates, correct_final_states, share_correction
 from gpvo.trajectory import States
 
 
@@ -42,3 +44,46 @@ def test_a_piece_of_one_state_takes_the_new_one() -> None:
     rng = np.random.default_rng(1)
     old, new = (ends(rng, 1.0, 0.3)[:1] for _ in range(2))
     assert np.array_equal(correct_final_states(old, new).T_world_cam, new.T_world_cam)
+
+
+def path(rng: np.random.Generator, t: np.ndarray) -> States:
+    return States(t, se3_exp(rng.normal(size=(len(t), 6))), rng.normal(size=(len(t), 6)))
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 999), st.floats(-1.0, 0.9), st.floats(0, 1.0))
+def test_poses_take_a_linear_share_of_a_correction_and_twists_follow(
+    seed: int, start: float, size: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    states = path(rng, np.linspace(0, 1, 9))
+    xi = size * rng.normal(size=6)
+    end = States(states.t[-1:], se3_exp(xi) @ states.T_world_cam[-1:], rng.normal(size=(1, 6)))
+    moved = share_correction(states, start, end)
+    share = np.maximum(states.t - start, 0) / (1 - start)
+    correction = se3_log(se3_exp(xi))  # turned by less than pi
+    expected = se3_exp(share[:, None] * correction) @ states.T_world_cam
+    np.testing.assert_allclose(moved.T_world_cam, expected, atol=1e-12)
+
+    step = np.where(states.t >= start, 1e-6, 0.0)  # T(t + step) with the same body twist
+    ahead = se3_exp((share + step / (1 - start))[:, None] * correction) @ states.T_world_cam
+    velocity = se3_log(se3_inverse(expected) @ ahead) / 1e-6
+    turned = se3_adjoint(np.eye(4)[None]) @ velocity[..., None]
+    np.testing.assert_allclose(moved.twist - states.twist, turned[..., 0], atol=1e-5)
+
+
+def test_states_are_final_when_they_have_settled() -> None:
+    rng, final = np.random.default_rng(2), FinalStates(settling=0.3)
+    kept: list[States] = []
+    for k in range(10):
+        piece, end = path(rng, np.linspace(0.1 * k, 0.1 * (k + 1), 5)), path(rng, np.zeros(1))
+        final.extend(piece, States(piece.t[-1:], end.T_world_cam, end.twist))
+        kept.append(final.after(-np.inf))
+        assert (final.settling.t >= 0.1 * (k + 1) - 0.3 - 1e-9).all()
+        assert np.array_equal(States.concatenate(final.parts).t[::4], 0.1 * np.arange(k + 1))
+    for before, now in pairwise(kept):
+        assert np.array_equal(now.T_world_cam[: len(before)], before.T_world_cam)
+        assert np.array_equal(now.twist[: len(before)], before.twist)
+    assert len(kept[-1]) >= 4 * 6
+    final.end_segment(path(rng, np.array([1.0, 1.1])))
+    assert len(final.settling) == 0 and final.after(0.9).t.tolist()[-2:] == [1.0, 1.1]
