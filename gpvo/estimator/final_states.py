@@ -41,6 +41,12 @@ class FinalStates:
         return self._settling
 
     @property
+    def first(self) -> States | None:
+        """The earliest states, if there are any."""
+        earliest = self._final[0] if self._final else self._settling
+        return earliest if len(earliest) else None
+
+    @property
     def parts(self) -> list[States]:
         """All states that left, in parts."""
         return [*self._final, self._settling]

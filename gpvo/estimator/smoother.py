@@ -221,7 +221,7 @@ class FixedLagSmoother:
             return None
         with one_blas_thread():
             covariance = self._window.covariance()[-12:, -12:].copy()
-        T, first = keys.T_world_cam[-1], next(filter(len, self._final.parts), keys)
+        T, first = keys.T_world_cam[-1], self._final.first or keys
         covariance[:6, :6] += self._segments.pose_covariance(T[None])[0]
         return MotionEstimate(
             float(keys.t[-1]),
