@@ -111,9 +111,8 @@ class Odometry:
         The latest may still be estimated when this returns, and is reported by a later call. A
         batch that starts later than the one before stopped follows time without data.
         """
-        clustering = self._front_end.clustering
-        yield from self._reports(clustering.add(clustering.without_noise(batch)))
-        self._unwatched.append(batch)
+        without_noise = self._front_end.clustering.without_noise(batch)
+        yield from self._reports(self._completed(batch, without_noise))
         yield from self.estimated()
 
     def estimated(self) -> Iterator[ClusterReport]:
@@ -154,9 +153,15 @@ class Odometry:
         clustering = self._front_end.clustering
         filtered = ((batch, clustering.without_noise(batch)) for batch in batches)
         for batch, without_noise in prefetched(filtered):
-            yield from clustering.add(without_noise)
-            self._unwatched.append(batch)
+            yield from self._completed(batch, without_noise)
         yield from clustering.end()
+
+    def _completed(
+        self, batch: StereoEvents, without_noise: StereoEvents
+    ) -> Iterator[StereoCluster]:
+        """Yield the clusters that the next batch completes; then it is to be looked at."""
+        yield from self._front_end.clustering.add(without_noise)
+        self._unwatched.append(batch)
 
     def _take_unwatched(self) -> list[StereoEvents]:
         """Return the batches that were not looked at for faults yet."""

@@ -28,28 +28,28 @@ class FinalStates:
     settling
         Time in which states that left still follow corrections, seconds; with 0 only those since
         the key state before do.
+
+    Attributes
+    ----------
+    settling
+        States that left, and may still change.
     """
 
     def __init__(self, settling: float) -> None:
         self._duration, self._begin = settling, np.inf
         self._final: list[States] = []
-        self._settling = States()
-
-    @property
-    def settling(self) -> States:
-        """States that left, and may still change."""
-        return self._settling
+        self.settling = States()
 
     @property
     def first(self) -> States | None:
         """The earliest states, if there are any."""
-        earliest = self._final[0] if self._final else self._settling
+        earliest = self._final[0] if self._final else self.settling
         return earliest if len(earliest) else None
 
     @property
     def parts(self) -> list[States]:
         """All states that left, in parts."""
-        return [*self._final, self._settling]
+        return [*self._final, self.settling]
 
     @property
     def nbytes(self) -> int:
@@ -66,19 +66,19 @@ class FinalStates:
             return
         self._begin = min(self._begin, float(piece.t[0]))
         start = max(self._begin, float(piece.t[-1]) - self._duration)
-        left = States.concatenate([self._settling, piece])
+        left = States.concatenate([self.settling, piece])
         left = share_correction(left, start, end)
-        piece = correct_final_states(left[len(self._settling) :], end)[:-1]
-        left = States.concatenate([left[: len(self._settling)], piece])
+        piece = correct_final_states(left[len(self.settling) :], end)[:-1]
+        left = States.concatenate([left[: len(self.settling)], piece])
         count = int(np.searchsorted(left.t, start))
         self._keep(left[:count])
-        self._settling = left[count:]
+        self.settling = left[count:]
 
     def end_segment(self, last: States) -> None:
         """Add the last states (K,) of a segment; all states so far are final."""
-        self._keep(self._settling)
+        self._keep(self.settling)
         self._keep(last)
-        self._begin, self._settling = np.inf, States()
+        self._begin, self.settling = np.inf, States()
 
     def _keep(self, states: States) -> None:
         self._final += [states] if len(states) else []

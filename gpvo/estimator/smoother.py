@@ -336,7 +336,7 @@ class FixedLagSmoother:
         return new
 
     def _solve(self, update: GraphUpdate, accepted: Measurements) -> None:
-        """Solve the window with new measurements, whatever happens; others follow or are final."""
+        """Solve the window with new measurements, whatever happens; states that left it follow."""
         solver, leaves = Solver(self._window), self._window.leaves
         solver.solve(update, accepted)
         self._final.extend(leaves.states, self._window.keys[:1])

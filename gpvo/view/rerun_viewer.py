@@ -17,6 +17,7 @@ from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
@@ -156,8 +157,6 @@ class RerunViewer:
 
     def _picture(self, events: ClusterEvents) -> Any:
         """Return an event image as a PNG with a palette, which is small and quickly packed."""
-        from PIL import Image  # rerun needs it, too
-
         image, png = Image.fromarray(event_signs(events)), BytesIO()
         image.putpalette(COLOURS.tobytes())
         image.save(png, "PNG", compress_level=1)

@@ -39,9 +39,6 @@ class Tracks:
     age: Array
     inliers: NDArray[np.bool_]
 
-    def __len__(self) -> int:
-        return len(self.age)
-
     @property
     def colours(self) -> NDArray[np.uint8]:
         """(N, 3) RGB by age, or that of outliers."""
