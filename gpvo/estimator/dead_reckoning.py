@@ -22,6 +22,7 @@ from gtsam.symbol_shorthand import V
 from numpy.typing import NDArray
 
 from gpvo.estimator.initialization import FIXED, InitialState
+from gpvo.estimator.state_times import SAME_TIME
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,8 @@ LIVELY = 1.5
 """How much faster than lately the motion may be."""
 REMEMBERED = 4.0
 """Seconds after which the largest speed that was seen counts 1/e."""
+MOST_STEPS = 40
+"""Number of states in a break: enough for MEMORY in one of 5 s, in longer ones they are sparser."""
 ENOUGH = 6
 """Number of measurements that measure a motion."""
 
@@ -57,6 +60,18 @@ class DeadReckoning:
             known = np.maximum(self._speed * np.exp(-passed / REMEMBERED), LEAST_SPEED)
             self._measured = t
             self._speed = np.maximum(np.linalg.norm(twist.reshape(2, 3), axis=1), known)
+
+    def steps(self, last: float, until: float) -> Array:
+        """Return times of states in a break after the last state, which ends at `until`, seconds.
+
+        They are where the motion is guessed otherwise than before. None in a short break.
+        """
+        if not until - max(last, self._measured) > self._bridge + SAME_TIME:
+            return np.empty(0)
+        loose, forgotten = self._measured + LOOSE, self._measured + self._bridge
+        count = min(int(np.ceil((until - forgotten) / (MEMORY / 2))), MOST_STEPS)
+        t = np.append(loose, np.linspace(forgotten, until, count + 1))
+        return t[t > last + SAME_TIME]
 
     def extend(self, start: float, stop: float) -> None:
         """Note the time between two clusters' ends, before the motion in it is estimated."""

@@ -99,24 +99,39 @@ class FixedLagSmoother:
         """
         usable, left_out = split_usable(measurements, self._window.keys.t, end_time)
         self.diagnostics += left_out
-        update = GraphUpdate()
         with one_blas_thread():
-            self.prepare()
-            if self._reckoning.is_over(len(usable)) and not self._own.used:
-                self._begin_again(update, usable, velocity_estimate)
-            elif len(self._window):
-                self._let_leave()
-            elif len(usable):
-                self._window.begin(update, usable.t.min(), velocity_estimate)
-            else:
-                return
+            self._bridge(float(usable.t.min()) if len(usable) else end_time)
+            self._update(np.array([end_time]), usable, velocity_estimate)
+
+    def _bridge(self, until: float) -> None:
+        """Carry the estimate on over a break in which there was no cluster, if there was one."""
+        keys = self._window.keys
+        steps = self._reckoning.steps(float(keys.t[-1]), until) if len(keys) else np.empty(0)
+        if len(steps):
+            self._update(steps, Measurements.concatenate([]), None)
+
+    def _update(
+        self, ends: Array, usable: Measurements, velocity_estimate: VelocityFit | None
+    ) -> None:
+        """Go on to the ends (N,) of clusters, seconds, of which the last one was measured."""
+        update = GraphUpdate()
+        self.prepare()
+        if self._reckoning.is_over(len(usable)) and not self._own.used:
+            self._begin_again(update, usable, velocity_estimate)
+        elif len(self._window):
+            self._let_leave()
+        elif len(usable):
+            self._window.begin(update, usable.t.min(), velocity_estimate)
+        else:
+            return
+        for end_time in ends.tolist():
             self._lag.advance(end_time)
             self._extend(update, usable, end_time, velocity_estimate)
-            accepted = self._accepted(usable)
-            self.diagnostics += self._own.add_to(update, self._window.numbered)
-            self._solve(update, accepted)
-            self._reckoning.measured(end_time, self._window.keys.twist[-1], len(accepted))
-            self._keep_place(len(accepted))
+        accepted = self._accepted(usable)
+        self.diagnostics += self._own.add_to(update, self._window.numbered)
+        self._solve(update, accepted)
+        self._reckoning.measured(float(ends[-1]), self._window.keys.twist[-1], len(accepted))
+        self._keep_place(len(accepted))
 
     def prepare(self) -> None:
         """Do now what the next update needs of this one's estimate; else that does it itself.

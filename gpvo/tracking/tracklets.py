@@ -18,6 +18,8 @@ from gpvo.tracking.observations import Observations
 
 Array = NDArray[np.float64]
 
+BREAK = 0.5
+"""Time between two clusters after which no constant velocity is assumed, seconds."""
 LEAST_LANDMARKS = 8
 """Number of landmarks below which the image speed is unknown."""
 
@@ -32,7 +34,7 @@ class Tracklets:
         self._config = config
         self._clusters: deque[tuple[int, StereoCluster]] = deque(maxlen=config.history)
         self._shown: deque[int] = deque(maxlen=config.history)
-        self._cluster_count = 0
+        self._cluster_count = self._unbroken = 0
         self._measurements = Measurements.concatenate([])
         self._taken = np.empty(0, bool)
         self._passed: NDArray[np.int64] | None = None  # what `_long_enough` found, while it holds
@@ -43,6 +45,8 @@ class Tracklets:
 
         Clusters that show nothing, as in a gap of the events, do not count as history.
         """
+        if self._clusters and cluster.start - self._clusters[-1][1].stop > BREAK:
+            self._unbroken = self._cluster_count
         self._clusters.append((self._cluster_count, cluster))
         self._cluster_count += 1
         self.extend(observations)
@@ -67,10 +71,11 @@ class Tracklets:
         """Return pairs of an earlier and the newest measurement of the same landmarks, (N,) each.
 
         The newest is in the newest cluster. The earlier is the first of its landmark in that
-        cluster and the `span` clusters before it that show any; a pair needs two different times.
+        cluster and the `span` clusters before it that show any, since the latest break; a pair
+        needs two different times.
         """
         newest, known, index = self._cluster_count - 1, self._measurements, self._long_enough()
-        oldest = min([*self._shown][-(span + 1) :], default=newest)
+        oldest = max(min([*self._shown][-(span + 1) :], default=newest), self._unbroken)
         index = index[known.frame[index] >= oldest]
         later = index[known.frame[index] == newest]
         earlier = index[_run_starts(known.landmark[index])]

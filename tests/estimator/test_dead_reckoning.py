@@ -15,7 +15,15 @@ from benchmarks.simulated_tracklets import TrackletSimulation
 from factors.lie import se3_exp, se3_inverse, se3_log
 from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.estimator import FixedLagSmoother, InitialState, make_estimator
-from gpvo.estimator.dead_reckoning import LEAST_SPEED, LIVELY, DeadReckoning
+from gpvo.estimator.dead_reckoning import (
+    ENOUGH,
+    LEAST_SPEED,
+    LIVELY,
+    LOOSE,
+    MEMORY,
+    MOST_STEPS,
+    DeadReckoning,
+)
 from gpvo.evaluation.metrics.nees import nees
 from gpvo.mc_ransac import VelocityFit
 from gpvo.tracking import Measurements
@@ -242,3 +250,42 @@ def test_a_turn_in_a_gap_is_found_at_once_by_landmarks_of_before() -> None:
     assert latest is not None
     error = se3_log(se3_inverse(T[170]) @ latest.T_world_cam)
     assert np.linalg.norm(error[3:]) < 0.01 and np.linalg.norm(error[:3]) < 0.01
+
+
+@pytest.mark.parametrize("last", [1.0, 1.05])
+def test_a_break_has_states_where_the_motion_is_guessed_otherwise(last: float) -> None:
+    """Beyond the bridge they are near enough for its memory, in breaks of any length few."""
+    reckoning = DeadReckoning(BRIDGE)
+    reckoning.measured(1.0, np.zeros(6), ENOUGH)
+    assert len(reckoning.steps(last, last + BRIDGE)) == 0
+    steps = reckoning.steps(last, 3.0)
+    assert steps[0] == pytest.approx(1.0 + LOOSE) and steps[1] == pytest.approx(1.0 + BRIDGE)
+    assert steps[-1] == 3.0 and (np.diff(steps) <= MEMORY / 2 + 1e-9).all()
+    assert len(reckoning.steps(last, 1000.0)) == MOST_STEPS + 2
+    assert len(DeadReckoning(0.0).steps(last, 1000.0)) == 0
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_break_without_clusters_is_as_one_with_clusters_that_show_nothing(seed: int) -> None:
+    """Events that are missing, and those of a covered lens: the same is known of the motion."""
+    gap = 0.5, 2.0
+    with_clusters, motion, _ = run(seed, gap, 2.5)
+    simulation = TrackletSimulation(NOISE, per_cluster=12)
+    rng = np.random.default_rng(seed)
+    motion, config = simulation.motion(2.5, rng), EstimatorConfig(bridge=BRIDGE)
+    smoother = FixedLagSmoother(simulation.camera, NOISE, config)
+    for end_time, measurements in simulation.clusters(motion, rng):
+        if not gap[0] < end_time <= gap[1] + 1e-9:
+            smoother.update(end_time, measurements)
+    without = smoother.trajectory()
+    assert without is not None
+    after, t = np.array([2.2, 2.45]), np.array([0.7, 1.0, 1.6])
+    np.testing.assert_allclose(without.velocity(after), with_clusters.velocity(after), atol=0.05)
+    moved = [
+        se3_inverse(one.pose(after)[0]) @ one.pose(after)[1] for one in (without, with_clusters)
+    ]
+    np.testing.assert_allclose(moved[0], moved[1], atol=0.01)
+    deviations = (np.sqrt(one.covariance(t)[:, 3, 3]) for one in (without, with_clusters))
+    np.testing.assert_allclose(*deviations, rtol=0.5)
+    error = nees(without, motion, after)
+    assert (np.array(error) < 22.5).all()

@@ -13,7 +13,7 @@ from gpvo.config import TrackletConfig
 from gpvo.events import StereoCluster
 from gpvo.mc_ransac import segments_between
 from gpvo.tracking import Measurements, Observations, Tracklets
-from gpvo.tracking.tracklets import LEAST_LANDMARKS, feature_times
+from gpvo.tracking.tracklets import BREAK, LEAST_LANDMARKS, feature_times
 
 HEIGHT, WIDTH = 60, 80
 seeds = st.integers(0, 2**32)
@@ -78,16 +78,18 @@ CONFIG = TrackletConfig(
 )
 
 
-def add(tracklets: Tracklets, frame: int, *sightings: Sighting) -> None:
-    """Add a cluster that shows each landmark's events at the given times."""
+def add(tracklets: Tracklets, frame: int, *sightings: Sighting, late: float = 0.0) -> None:
+    """Add a cluster that shows each landmark's events at the given times, or so much later."""
     left, right = (np.full((HEIGHT, WIDTH), -np.inf) for _ in range(2))
     for _, u, v, disparity, t_left, t_right in sightings:
-        left[int(v), int(u)] = t_left
-        right[int(v), int(u - disparity)] = t_right
+        left[int(v), int(u)] = t_left + late
+        right[int(v), int(u - disparity)] = t_right + late
     columns = np.array(sightings, np.float64).reshape(-1, 6)
     points = columns[:, 1:3]
     tracklets.add(
-        StereoCluster(frame / 8, (frame + 1) / 8, of_surface(left), of_surface(right)),
+        StereoCluster(
+            frame / 8 + late, (frame + 1) / 8 + late, of_surface(left), of_surface(right)
+        ),
         Observations(
             columns[:, 0].astype(np.int64),
             np.full(len(columns), frame),
@@ -202,6 +204,19 @@ def test_segments_end_in_the_newest_cluster_and_stay_within_the_span(span: int) 
     np.testing.assert_array_equal(segments.dt, [span / 8] * 2)
     np.testing.assert_array_equal(segments.later[:, 0], [20 + 4 * 3] * 2)
     np.testing.assert_array_equal(segments.earlier[:, 0], [20 + 4 * (3 - span)] * 2)
+
+
+def test_no_segment_bridges_a_break() -> None:
+    """The velocity is not constant for so long; measurements before it are kept all the same."""
+    tracklets, late = Tracklets(CONFIG), BREAK + 0.125
+    for frame in (0, 1):
+        add(tracklets, frame, moving(0, frame), moving(1, frame))
+    add(tracklets, 2, moving(0, 2), moving(1, 2), late=late)
+    assert len(tracklets.pairs(3)[1]) == 0
+    add(tracklets, 3, moving(0, 3), moving(1, 3), late=late)
+    earlier, later = tracklets.pairs(3)
+    np.testing.assert_array_equal(segments_between(earlier, later).dt, [1 / 8] * 2)
+    assert len(tracklets.take(ALL)) == 8
 
 
 def test_clusters_that_show_nothing_are_no_part_of_span_and_history() -> None:
