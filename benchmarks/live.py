@@ -50,12 +50,12 @@ class LiveRun:
         median, most, nearly_all = (1e3 * each for each in self.latency)
         return (
             f"{self.speed:6g} {median:8.0f} {most:8.0f} {nearly_all:8.0f} {100 * self.shed:7.1f}"
-            f" {self.worst.cluster_length:7.2f} {100 * self.worst.features:9.0f}"
+            f" {self.worst.spacing:7.2f} {100 * self.worst.features:9.0f}"
             f" {1e3 * self.error:9.1f}"
         )
 
 
-HEADER = " speed    50% ms   95% ms   99% ms  shed % longer features %  error mm"
+HEADER = " speed    50% ms   95% ms   99% ms  shed % spacing features %  error mm"
 
 
 def live_run(recording: SimulatedRecording, speed: float, reference: Trajectory) -> LiveRun:
@@ -68,7 +68,7 @@ def live_run(recording: SimulatedRecording, speed: float, reference: Trajectory)
     return LiveRun(
         speed,
         tuple(session.latency.percentiles().tolist()),
-        (session.load.thinned + session.load.discarded) / events,
+        (session.load.left_out + session.load.discarded) / events,
         session.load.worst,
         np.nan if trajectory is None else largest_distance(trajectory, reference),
     )

@@ -25,6 +25,8 @@ class ClusterReport:
         Background activity, events per pixel and second, mean of both cameras; 0 if unknown.
     flash
         Time before the cluster that was left out because of a flash, seconds.
+    between
+        Events before the cluster that were left out because time was short; both cameras.
     tracking
         What the tracker found; None if it does not say.
     observations
@@ -48,6 +50,7 @@ class ClusterReport:
     left_out: tuple[int, int]
     noise_rate: float
     flash: float
+    between: int
     tracking: TrackingReport | None
     observations: int
     out_of_bounds: int
@@ -79,6 +82,7 @@ class ClusterReport:
             (background, hot),
             0.5 * (left.noise_rate + right.noise_rate),
             cluster.flash,
+            cluster.between,
             tracked.tracking,
             len(tracked.observations),
             tracked.out_of_bounds,

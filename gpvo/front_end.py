@@ -96,7 +96,7 @@ class FrontEnd:
         full = in_full_pixels(self.configuration)
         self.noise = full.noise
         self.rng = np.random.default_rng(full.seed)
-        self._config = full.mc_ransac
+        self._config, self._span = full.mc_ransac, full.mc_ransac.span
         self._information = np.diag(full.noise.measurement_information)
         self._tracker = (
             MultiResolutionTracker(full.tracking, self.camera) if tracker is None else tracker
@@ -109,13 +109,17 @@ class FrontEnd:
         self._stage = stage
         self.clustering = Clustering(rig, self.configuration.clustering, lambda: self._image_motion)
 
-    def limit_features(self, share: float) -> None:
-        """Track a share of the configured features, from 0 to 1, as long as time is short.
+    def relieve(self, features: float, spacing: float) -> None:
+        """Do less while time is short.
 
-        A tracker of a user's own is left alone.
+        Track a share of the configured features, from 0 to 1, in clusters of which each begins
+        `spacing` times its length after the one before. A tracker of a user's own is left alone.
         """
         if isinstance(self._tracker, MultiResolutionTracker):
-            self._tracker.limit_features(share)
+            self._tracker.limit_features(features)
+        self.clustering.space(spacing)
+        # The velocity is constant for a time, not for a number of clusters.
+        self._span = max(1, round(self._config.span / spacing))
 
     def process(self, cluster: StereoCluster) -> TrackedCluster:
         """Track landmarks into the next cluster, in order of time, and reject outliers.
@@ -128,7 +132,7 @@ class FrontEnd:
         with self._stage("tracklets"):
             self._tracklets.add(cluster, followed)
             out_of_bounds = self._found_out_of_bounds + self._tracklets.out_of_bounds
-            earlier, later = self._tracklets.pairs(self._config.span)
+            earlier, later = self._tracklets.pairs(self._span)
             too_short = self._tracklets.too_short()
         with self._stage("outlier rejection"):
             segments = segments_between(earlier, later)

@@ -227,14 +227,9 @@ class Odometry:
         noise = getattr(self.estimator, "noise", self._front_end.noise)
         return tuple(noise.measurement_information)
 
-    def relieve(self, features: float, cluster_length: float) -> None:
-        """Do less while time is short.
-
-        Track a share of the configured features, from 0 to 1, in clusters of so many times the
-        usual length.
-        """
-        self._front_end.limit_features(features)
-        self._front_end.clustering.stretch(cluster_length)
+    def relieve(self, features: float, spacing: float) -> None:
+        """Do less while time is short; see `FrontEnd`."""
+        self._front_end.relieve(features, spacing)
 
     def trajectory(self, start_ns: int = 0) -> Trajectory | None:
         """The trajectory so far; None before the first measurement."""

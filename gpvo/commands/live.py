@@ -166,7 +166,8 @@ def _say(session: LiveSession) -> None:
         console.print(
             f"the computer was busy: nothing was shed for {load.full_seconds:.1f} s of"
             f" {load.seconds:.1f} s, at worst {load.worst}; left out:"
-            f" {load.thinned:,} events by thinning, {load.discarded:,} that had waited too long",
+            f" {load.left_out:,} events between clusters,"
+            f" {load.discarded:,} that had waited too long",
             style="yellow",
         )
     for kind, count in sorted(session.faults.items()):

@@ -47,32 +47,22 @@ class ClusterLength:
     of a cluster of 2 T seconds they are a T^2 / 2 away from it, which may be `config.blur`. The
     longer time counts. Until the motion is known, and where it surges, the number of events ends a
     cluster.
-
-    Attributes
-    ----------
-    times
-        Clusters are so many times longer than usual.
     """
 
     def __init__(self, config: ClusteringConfig, rig: StereoRig) -> None:
         width, height = rig.left.resolution
         self._config, self._pixels = config, width * height
-        self._counts: deque[float] = deque(maxlen=REMEMBERED)
-        self.times = 1.0
+        self._counts: deque[int] = deque(maxlen=REMEMBERED)
 
     def limits(self, image_motion: ImageMotion | None) -> tuple[float, int]:
         """Return the longest duration, seconds, and the most events of either camera."""
-        duration, events = self._usual(image_motion)
-        return self.times * duration, round(self.times * events)
-
-    def _usual(self, image_motion: ImageMotion | None) -> tuple[float, float]:
         config = self._config
         if config.max_events is not None:
             return config.window, config.max_events
         if image_motion is None:
-            return config.window, FIRST * self._pixels
+            return config.window, round(FIRST * self._pixels)
         usual = SURGE * float(median(self._counts)) if self._counts else 0.0
-        return self._duration(image_motion), max(usual, LEAST * self._pixels)
+        return self._duration(image_motion), round(max(usual, LEAST * self._pixels))
 
     def _duration(self, motion: ImageMotion) -> float:
         config = self._config
@@ -86,6 +76,5 @@ class ClusterLength:
 
         Clusters of a camera at rest do not say what is usual in motion.
         """
-        usual = events / self.times
-        if usual >= LEAST * self._pixels:
-            self._counts.append(usual)
+        if events >= LEAST * self._pixels:
+            self._counts.append(events)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,10 @@ from gpvo.events.noise_filter import EventFilter
 from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 from gpvo.second_thread import both
 
+TICK = 1e-6
+"""Time that is no gap between batches, seconds: the resolution of stamps."""
+LEAD = 0.03
+"""Time before a cluster that the noise filter sees, seconds: it judges events by those before."""
 MANY = 50_000
 """Number of events of a batch from which both cameras' are filtered at once."""
 
@@ -100,7 +104,8 @@ class ClusterEvents:
 class StereoCluster:
     """Left and right events of the same interval [start, stop), in seconds.
 
-    `flash` is the time before `start` that was left out because of a flash, seconds.
+    `flash` is the time before `start` that was left out because of a flash, seconds. `between` is
+    the number of events before it, both cameras', that were left out because time was short.
     """
 
     start: float
@@ -108,6 +113,7 @@ class StereoCluster:
     left: ClusterEvents
     right: ClusterEvents
     flash: float = 0.0
+    between: int = 0
 
 
 class Clustering:
@@ -115,7 +121,7 @@ class Clustering:
 
     A cluster ends after `config.window` seconds, or as soon as either camera has too many events;
     see `ClusterLength`. `image_motion` returns that of the features in the clusters so far, None if
-    it is unknown. Flashes are left out.
+    it is unknown. Flashes are left out, and time between clusters while there is no time for all.
     """
 
     def __init__(
@@ -126,6 +132,7 @@ class Clustering:
     ) -> None:
         self._image_motion, self._skip_flashes = image_motion, config.skip_flashes
         self._length, self._flashes, self._flash = ClusterLength(config, rig), FlashDetector(), 0.0
+        self._spacing = 1.0
         self._sides = [
             _PendingEvents(camera, table, rig.resolution, config)
             for camera, table in zip((rig.left, rig.right), rig.tables, strict=True)
@@ -135,13 +142,17 @@ class Clustering:
     def without_noise(self, batch: StereoEvents) -> StereoEvents:
         """Return the next batch as the noise filter leaves it; in any thread, ahead of `add`.
 
-        Both cameras' events are filtered at once if they are many: a thread costs time too.
+        Both cameras' events are filtered at once if they are many: a thread costs time too. Those
+        of time that is left out are not looked at.
         """
-        left, right = (side.filter for side in self._sides)
-        if len(batch.left) + len(batch.right) < MANY:
-            passed = left(batch.left), right(batch.right)
-        else:
-            passed = both(lambda: left(batch.left), lambda: right(batch.right))
+        begin = self._start - LEAD if self._spacing > 1 else -np.inf
+        left, right = (
+            partial(side.without_noise, events, begin)
+            for side, events in zip(self._sides, (batch.left, batch.right), strict=True)
+        )
+        passed = (
+            (left(), right()) if len(batch.left) + len(batch.right) < MANY else both(left, right)
+        )
         return StereoEvents(batch.start, batch.stop, *passed)
 
     def add(self, batch: StereoEvents) -> Iterator[StereoCluster]:
@@ -150,14 +161,17 @@ class Clustering:
         Each is to be processed before the next one is taken. A batch that starts later than the
         one before stopped follows time without data, which is in no cluster.
         """
-        if batch.start > self._end:
+        if batch.start > self._end + TICK:
             yield from self.end()
-            self._start = batch.start
+            self._start = max(self._start, batch.start)
         self._end = batch.stop
         for side, events in zip(self._sides, (batch.left, batch.right), strict=True):
             side.add(events)
+            side.leave_out(self._start)
         while (stop := self._next_stop()) <= self._end:
+            duration = stop - self._start
             yield from self._without_flashes(self._take(stop))
+            self._pause(duration)
 
     def is_due(self, stop: float, waiting: int) -> bool:
         """Whether a batch until `stop`, with at most so many events of a camera, is to be added.
@@ -170,9 +184,9 @@ class Clustering:
         may_end = stop >= self._start + duration or most >= limit
         return may_end or stop >= self._end + 0.5 * duration
 
-    def stretch(self, times: float) -> None:
-        """Make clusters so many times longer than usual."""
-        self._length.times = times
+    def space(self, spacing: float) -> None:
+        """Let a cluster begin so many times its length after the one before, at least once."""
+        self._spacing = spacing
 
     def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
         """Yield the clusters of a whole stream."""
@@ -182,7 +196,7 @@ class Clustering:
 
     def end(self) -> Iterator[StereoCluster]:
         """Yield the last cluster, unless the stream fills less than half of it."""
-        if self._end == self._start:
+        if self._end <= self._start:
             return
         duration, limit = self._length.limits(self._image_motion())
         full = (self._end - self._start) / duration, *(len(side) / limit for side in self._sides)
@@ -191,14 +205,26 @@ class Clustering:
             yield cluster
             self._flash = 0.0
 
+    def _pause(self, duration: float) -> None:
+        """Leave out time after a cluster of `duration` seconds.
+
+        Where the image motion is unknown the next one follows at once: features are found in one
+        cluster and known to be right when they are followed into another.
+        """
+        if self._spacing > 1 and self._image_motion() is not None:
+            self._start += (self._spacing - 1) * duration
+            for side in self._sides:
+                side.leave_out(self._start)
+
     def _next_stop(self) -> float:
         duration, limit = self._length.limits(self._image_motion())
         return min(self._start + duration, *(side.full_at(limit) for side in self._sides))
 
     def _take(self, stop: float) -> StereoCluster:
         start, self._start = self._start, stop
+        between = sum(side.take_left_out() for side in self._sides)
         left, right = (side.take(start, stop) for side in self._sides)
-        return StereoCluster(start, stop, left, right, self._flash)
+        return StereoCluster(start, stop, left, right, self._flash, between)
 
     def _without_flashes(self, cluster: StereoCluster) -> Iterator[StereoCluster]:
         left, right, duration = cluster.left, cluster.right, cluster.stop - cluster.start
@@ -235,14 +261,32 @@ class _PendingEvents:
         self._table, self._resolution = table, resolution
         self.filter = EventFilter(camera.resolution, config)
         self._pixels = camera.resolution[0] * camera.resolution[1]
-        self._events = Events.empty()
+        self._events, self._left_out = Events.empty(), 0
 
     def __len__(self) -> int:
         return len(self._events)
 
+    def without_noise(self, events: Events, begin: float) -> Events:
+        """Filter the next events of the stream; leave out those before `begin`, seconds."""
+        wanted = events.between(begin, np.inf)
+        if len(wanted) < len(events):
+            self._left_out += len(events) - len(wanted)
+            self.filter.interrupt()
+        return self.filter(wanted)
+
     def add(self, events: Events) -> None:
         """Add the next events of the stream, filtered."""
         self._events = Events.concatenate([self._events, events])
+
+    def leave_out(self, start: float) -> None:
+        """Leave out the events before `start`, seconds."""
+        before, self._events = len(self._events), self._events.between(start, np.inf)
+        self._left_out += before - len(self._events)
+
+    def take_left_out(self) -> int:
+        """Return the number of events that were left out since it was asked last."""
+        count, self._left_out = self._left_out, 0
+        return count
 
     def full_at(self, limit: int) -> float:
         """Return the time just after so many events, seconds; inf if there are fewer."""

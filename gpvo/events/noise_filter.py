@@ -86,6 +86,7 @@ class EventFilter:
         self._support = config.background_filter or 0.0
         self._hot = config.hot_pixel_ratio
         self._window: int | None = None
+        self._is_whole = True
         self._noise = deque([Noise(-np.inf, -np.inf, 0.0, 0.0)])
         self._left_out = deque[NDArray[np.float64]](), deque[NDArray[np.float64]]()
 
@@ -107,6 +108,10 @@ class EventFilter:
         """
         background, hot = (_take_before(times, stop) for times in self._left_out)
         return background, hot
+
+    def interrupt(self) -> None:
+        """Say that events are missing: until a window has all of them the noise stays as it was."""
+        self._is_whole = False
 
     def __call__(self, events: Events) -> Events:
         """Return the events that are not noise."""
@@ -130,7 +135,8 @@ class EventFilter:
                 self._noise[-1],
             )
             if np.isfinite(before.begin):
-                rate = 0.7 * before.rate + 0.3 * rate
+                rate = 0.7 * before.rate + 0.3 * rate if self._is_whole else before.rate
+            self._is_whole = True
             noisy = rate >= CLEAN
             if self._automatic:
                 self._support = support_time(rate) if noisy else 0.0

@@ -160,8 +160,8 @@ class LiveSession:
         if self.load.is_behind and not was_behind:
             log.warning("the computer cannot keep up: %s", level)
         elif was_behind and not self.load.is_behind:
-            log.warning("keeping up again: all events are used")
-        self.live.odometry.relieve(level.features, level.cluster_length)
+            log.warning("keeping up again: %s", level)
+        self.live.odometry.relieve(level.features, level.spacing)
         return age <= LONGEST
 
     def _received(self, packet: Packet) -> tuple[EventBlock, EventBlock]:
@@ -206,10 +206,11 @@ class LiveSession:
     def _push(self, packets: list[tuple[EventBlock, EventBlock]]) -> None:
         if packets:
             left, right = (EventBlock.concatenate(side) for side in zip(*packets, strict=True))
-            self.live.push_checked(self.load.thin(left), self.load.thin(right))
+            self.live.push_checked(left, right)
 
     def _estimated(self, step: Step) -> None:
         """Note how late the clusters are of which the latest estimate knows."""
+        self.load.left_out += step.report.between
         now, start_ns, latest = time.perf_counter(), self.live.start_ns or 0, self.live.latest()
         self._to_estimate.append(step.report.stop)
         # Short clusters are estimated together.

@@ -38,15 +38,15 @@ class ContourLag:
         self._lag = lag
         self._behind: Flow = np.zeros((1, 1, 2), np.float32)
 
-    def follow(self, flow: Flow, dt: float) -> None:
+    def follow(self, flow: Flow, dt: float, duration: float) -> None:
         """Turn the lag by the image motion (rows, columns, 2), pixels per second, of a cluster.
 
-        dt is the time since the one before, seconds.
+        dt is the time since the one before, of which the pictures show `duration`, seconds.
         """
         speed = np.maximum(np.linalg.norm(flow, axis=2, keepdims=True), 1e-9)
-        way = speed * dt
+        way = speed * duration
         lag = self._lag * np.cbrt(np.minimum(way, FARTHEST) / USUAL) / speed * flow
-        turned = 1 - np.exp(-way / WAY)
+        turned = 1 - np.exp(-speed * dt / WAY)
         self._behind = np.asarray(self._behind + turned * (lag - self._behind), np.float32)
 
     def ahead(self, points: Array) -> Array:

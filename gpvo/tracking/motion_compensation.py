@@ -121,6 +121,7 @@ class MotionCompensation:
         self._config, self._side = config, side
         self._images: deque[tuple[CompensatedImage, CompensatedImage]] = deque(maxlen=frames)
         self._frame_count = 0
+        self._stop, self._pause = -np.inf, 0.0
         self.at_rest = False
         self._moving: tuple[CompensatedImage, ...] = ()
         self._recent: Observations | None = None
@@ -134,6 +135,7 @@ class MotionCompensation:
     def pictures(self, cluster: StereoCluster) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Make the left and right picture of a new cluster at the middle of its interval."""
         middle = 0.5 * (cluster.start + cluster.stop)
+        self._pause, self._stop = cluster.start - self._stop, cluster.stop
         self.at_rest = self._is_still(cluster)
         if self.at_rest and self._moving:
             left, right = (image.held(middle) for image in self._moving)
@@ -227,7 +229,7 @@ class MotionCompensation:
             for old, new in ((earlier.left, later.left), (earlier.right, later.right))
         )
         self._flows, self._learned = (left, right), self._frame_count
-        self._lag.follow(left, dt)
+        self._lag.follow(left, dt, dt - self._pause)
 
 
 def flow_between(

@@ -33,7 +33,7 @@ def arguments(recording: RecordingFiles, output: Path, *more: str | Path) -> lis
 @pytest.fixture
 def nothing_is_shed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever else the computer does."""
-    for limit in ("HURRY", "BUSY", "LATE"):
+    for limit in ("OLD", "BUSY", "LATE"):
         monkeypatch.setattr(f"gpvo.live.load.{limit}", 60.0)
     monkeypatch.setattr("gpvo.live.session.LONGEST", 60.0)
 

@@ -22,6 +22,7 @@ REPORT = ClusterReport(
     left_out=(0, 0),
     noise_rate=0.0,
     flash=0.0,
+    between=0,
     tracking=None,
     observations=200,
     out_of_bounds=0,

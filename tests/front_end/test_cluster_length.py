@@ -81,17 +81,3 @@ def test_a_number_of_events_that_is_set_is_the_only_one(motion: ImageMotion | No
     fixed = length((240, 180), max_events=5000, window=0.2)
     fixed.add(10**6)
     assert fixed.limits(motion) == (0.2, 5000)
-
-
-@pytest.mark.parametrize("times", [1.5, 2.0])
-def test_clusters_are_longer_while_time_is_short_and_as_usual_after(times: float) -> None:
-    usual, longer = length((240, 180)), length((240, 180))
-    longer.times = times
-    for _ in range(2 * REMEMBERED):
-        usual.add(30_000)
-        longer.add(round(times * 30_000))
-    for motion in (None, ImageMotion(5.0), ImageMotion(50.0, 1e3)):
-        duration, events = usual.limits(motion)
-        assert longer.limits(motion) == (times * duration, round(times * events))
-    longer.times = 1.0
-    assert longer.limits(ImageMotion(50.0)) == usual.limits(ImageMotion(50.0))

@@ -182,6 +182,41 @@ def test_a_last_window_less_than_half_full_is_dropped(window: float, stops: list
     assert [round(c.stop, 9) for c in found] == stops
 
 
+@given(seeds, st.floats(1.0, 6.0), st.lists(st.floats(0, 1), max_size=6))
+@settings(deadline=None, max_examples=40)
+def test_clusters_are_apart_while_time_is_short(
+    seed: int, spacing: float, cuts: list[float]
+) -> None:
+    """The events between are counted."""
+    left, right = random_stream(seed)
+    config = ClusteringConfig(window=0.05, background_filter=0.0, hot_pixel_ratio=0.0)
+    clustering = Clustering(RIG, config, lambda: ImageMotion(1.0))
+    clustering.space(spacing)
+    found = list(clustering.clusters(event_batches(left, right, cuts)))
+    start, stop = np.array([(cluster.start, cluster.stop) for cluster in found]).T
+    np.testing.assert_allclose(start[1:], (start + spacing * (stop - start))[:-1], atol=1e-9)
+    for before, cluster in zip([None, *found], found, strict=False):
+        begin = 0.0 if before is None else before.stop
+        between = (side.between(begin, cluster.start) for side in (left, right))
+        assert cluster.between == sum(map(len, between))
+        for side, events in ((cluster.left, left), (cluster.right, right)):
+            expected = events.between(cluster.start, cluster.stop)
+            np.testing.assert_array_equal(side.events.t, expected.t)
+
+
+def test_clusters_are_not_apart_where_the_motion_is_unknown() -> None:
+    """From 0.3 to 0.48 s, say."""
+    left, right = random_stream(1)
+    known: list[ImageMotion | None] = [ImageMotion(1.0)]
+    clustering, starts = Clustering(RIG, ClusteringConfig(window=0.05), lambda: known[0]), []
+    clustering.space(3.0)
+    for cluster in clustering.clusters(event_batches(left, right, [])):
+        starts.append(cluster.start)
+        known[0] = None if 0.29 < cluster.start < 0.48 else ImageMotion(1.0)
+    expected = [0.0, 0.15, 0.3, 0.35, 0.4, 0.45, 0.5, 0.65, 0.8, 0.95]
+    np.testing.assert_allclose(starts, expected, atol=1e-9)
+
+
 def random_table(rng: np.random.Generator) -> NDArray[np.float32]:
     """Make a rectification that moves events by up to three pixels and loses a few."""
     table = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).astype(np.float32)

@@ -58,14 +58,14 @@ def ahead(lag: ContourLag) -> NDArray[np.float64]:
 def test_the_lag_turns_with_the_way_and_not_with_the_time() -> None:
     lag = ContourLag(0.3)
     for _ in range(3):  # clusters of the usual length
-        lag.follow(flow(50 * USUAL, 0.0), 1 / 50)
+        lag.follow(flow(50 * USUAL, 0.0), 1 / 50, 1 / 50)
     np.testing.assert_allclose(ahead(lag), [0.3, 0.0], atol=1e-6)
-    lag.follow(flow(-0.1, 0.0), 1.0)  # a tenth of a pixel: it does not turn round at once
+    lag.follow(flow(-0.1, 0.0), 1.0, 1.0)  # a tenth of a pixel: it does not turn round at once
     assert 0.1 < ahead(lag)[0] < 0.3
-    lag.follow(flow(0.0, 0.0), 100.0)
+    lag.follow(flow(0.0, 0.0), 100.0, 100.0)
     assert 0.1 < ahead(lag)[0] < 0.3
     for _ in range(3):
-        lag.follow(flow(0.0, -10 * USUAL), 0.1)
+        lag.follow(flow(0.0, -10 * USUAL), 0.1, 0.1)
     np.testing.assert_allclose(ahead(lag), [0.0, -0.3], atol=1e-6)
 
 
@@ -76,14 +76,25 @@ def test_the_lag_follows_the_way_of_a_cluster(dt: float, angle: float, speed: fl
     for way in (USUAL / 2, 4 * USUAL):
         lag = ContourLag(0.3)
         for _ in range(40):
-            lag.follow(flow(*(speed * direction)), way / speed)
+            lag.follow(flow(*(speed * direction)), way / speed, way / speed)
         sizes.append(ahead(lag) @ direction)
         np.testing.assert_allclose(ahead(lag), sizes[-1] * direction, atol=1e-5)
     assert sizes[1] == pytest.approx(2 * sizes[0], rel=1e-3)
     far, farther = ContourLag(0.3), ContourLag(0.3)
-    far.follow(flow(FARTHEST / dt, 0.0), dt)
-    farther.follow(flow(1000 * FARTHEST / dt, 0.0), dt)
+    far.follow(flow(FARTHEST / dt, 0.0), dt, dt)
+    farther.follow(flow(1000 * FARTHEST / dt, 0.0), dt, dt)
     np.testing.assert_allclose(ahead(far), ahead(farther), rtol=1e-5)
+
+
+def test_time_between_clusters_turns_the_lag_and_does_not_add_to_it() -> None:
+    spaced, usual = ContourLag(0.3), ContourLag(0.3)
+    for _ in range(3):
+        spaced.follow(flow(50 * USUAL, 0.0), 4 / 50, 1 / 50)
+        usual.follow(flow(50 * USUAL, 0.0), 1 / 50, 1 / 50)
+    np.testing.assert_allclose(ahead(spaced), ahead(usual), atol=1e-3)
+    spaced.follow(flow(-0.1, 0.0), 8.0, 0.02)  # turned round, and gone on for longer than seen
+    usual.follow(flow(-0.1, 0.0), 0.02, 0.02)
+    assert ahead(spaced)[0] < 0.3 * ahead(usual)[0]
 
 
 def test_without_motion_nothing_is_known_of_the_lag() -> None:

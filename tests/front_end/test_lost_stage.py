@@ -26,6 +26,7 @@ GOOD = ClusterReport(
     left_out=(103, 14),
     noise_rate=1.0,
     flash=0.0,
+    between=0,
     tracking=TrackingReport(features=105, stereo=66, known=97, closed=88),
     observations=149,
     out_of_bounds=15,

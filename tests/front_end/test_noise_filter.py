@@ -153,6 +153,17 @@ def test_noise_rate_is_found_beside_moving_contours(
         assert sum(noise_filter.left_out(np.inf)) == len(noise) - len(kept)
 
 
+def test_a_window_that_misses_events_does_not_change_the_noise_rate() -> None:
+    size, rate = (96, 64), 3.0
+    noise, noise_filter = poisson(rate, size, 4.0), EventFilter(size, ClusteringConfig())
+    noise_filter(noise.between(0.0, 2.0))
+    before = noise_filter.noise(2.0, np.inf).rate
+    for start in np.arange(2.0, 4.0, 0.1):
+        noise_filter.interrupt()
+        noise_filter(noise.between(start, start + 0.02))
+    assert noise_filter.noise(4.0, np.inf).rate == before == pytest.approx(rate, rel=0.2)
+
+
 def test_contours_stay_while_noise_goes() -> None:
     size = (96, 64)
     noise, contour = poisson(5.0, size, 3.0), edge(96, 64, 3.0)

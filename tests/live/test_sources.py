@@ -48,7 +48,7 @@ def test_a_recording_is_played_at_its_pace_and_estimated_as_a_file(
 def test_with_time_enough_nothing_is_shed(
     room: SimulatedRecording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for limit in ("HURRY", "BUSY", "LATE"):  # whatever else the computer does
+    for limit in ("OLD", "BUSY", "LATE"):  # whatever else the computer does
         monkeypatch.setattr(f"gpvo.live.load.{limit}", 60.0)
     monkeypatch.setattr("gpvo.live.session.LONGEST", 60.0)
     live = LiveOdometry(room.rig, CONFIG)
@@ -70,7 +70,7 @@ def test_a_source_that_is_too_fast_is_survived(room: SimulatedRecording, speed: 
     trajectory = live.close()
     events = sum(report.events for report in live.reports)
     given = len(room.left) + len(room.right)
-    assert events + session.load.thinned + session.load.discarded <= given
+    assert events + session.load.left_out + session.load.discarded <= given
     if speed >= 4:
         assert session.load.discarded > 0
     if trajectory is not None:

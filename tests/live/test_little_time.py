@@ -1,0 +1,78 @@
+"""What is estimated while time is short: with less, and over breaks, it stays usable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from factors.lie import se3_inverse
+from gpvo import Odometry, Trajectory
+from gpvo.live.load import LEAST
+from gpvo.recordings import StereoEvents
+from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
+
+
+@cache
+def room() -> SimulatedRecording:
+    config = SimulationConfig(
+        seed=5, duration=3.0, resolution=(240, 180), focal_length=160.0, noise_rate=1.0
+    )
+    return simulate(config)
+
+
+def run(
+    is_there: Callable[[float], bool], features: float = 1.0, spacing: float = 1.0
+) -> tuple[Odometry, Trajectory]:
+    """Estimate the motion from the events of times that are there."""
+    odometry, recording = Odometry(room().rig), room()
+    odometry.relieve(features, spacing)
+    for start in np.arange(0.0, recording.duration, 0.01).tolist():
+        sides = (side.between(start, start + 0.01) for side in (recording.left, recording.right))
+        if is_there(start):
+            list(odometry.push(StereoEvents(start, start + 0.01, *sides)))
+    list(odometry.end())
+    trajectory = odometry.trajectory()
+    assert trajectory is not None
+    return odometry, trajectory
+
+
+def off(trajectory: Trajectory, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far the path is from the true one at times t (N,), metres."""
+    start = se3_inverse(room().motion.pose(np.array([trajectory.start]))[0])
+    found, true = (
+        (se3_inverse(trajectory.pose([trajectory.start])[0]) @ trajectory.pose(t)),
+        (start @ room().motion.pose(t)),
+    )
+    return np.linalg.norm(found[:, :3, 3] - true[:, :3, 3], axis=1)
+
+
+def test_with_a_quarter_of_the_time_and_half_of_the_features_the_path_is_nearly_as_good() -> None:
+    whole, all_of_it = run(lambda t: True)
+    least, part = run(lambda t: True, LEAST.features, LEAST.spacing)
+    used, events = (sum(report.events for report in each.reports) for each in (least, whole))
+    assert used < 0.35 * events and len(least.reports) < 0.35 * len(whole.reports)
+    assert sum(report.between for report in least.reports) > 0.6 * events
+    assert all(report.inliers > 20 for report in least.reports[2:])
+    t = np.linspace(0.1, 2.7, 50)
+    assert off(part, t).max() < 3 * off(all_of_it, t).max() + 0.01
+
+
+@pytest.mark.parametrize("length", [0.8, 1.5])
+def test_after_a_break_the_motion_is_right_and_the_place_as_the_covariance_says(
+    length: float,
+) -> None:
+    _, trajectory = run(lambda t: not 1.0 <= t < 1.0 + length)
+    t = np.array([1.0 + length + 0.15, 2.9])
+    velocity, true = trajectory.velocity(t), room().motion.twist(t)
+    assert np.linalg.norm((velocity - true)[:, 3:], axis=1).max() < 0.15
+    found, moved = (
+        np.linalg.norm(np.diff(each[:, :3, 3], axis=0))
+        for each in (trajectory.pose(t), room().motion.pose(t))
+    )
+    assert found == pytest.approx(moved, abs=0.03)
+    deviation = np.sqrt(np.trace(trajectory.covariance(t)[1, 3:6, 3:6]))
+    assert off(trajectory, t)[1] < 3 * deviation + 0.02
