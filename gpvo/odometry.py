@@ -60,7 +60,7 @@ class Odometry:
         self.reports: list[ClusterReport] = []
         self.tracked_until = 0.0
         self._stage, self._observer, self._watcher = stage, observer, watcher
-        self._watch, self._unwatched = FaultWatch(rig), list[StereoEvents]()
+        self._watch, self._unwatched = FaultWatch(rig), list[StereoEvents | None]()
         self._front_end = FrontEnd(rig, configuration or Configuration(), tracker, stage)
         self.configuration = self._front_end.configuration
         self.camera = self._front_end.camera
@@ -131,6 +131,10 @@ class Odometry:
         yield from self._reports(self._front_end.clustering.end())
         yield from self._ended()
 
+    def skip(self) -> None:
+        """Say that events are left out on purpose before the next batch."""
+        self._unwatched.append(None)
+
     def settle(self) -> None:
         """Wait until all clusters that were tracked are estimated; then nothing changes."""
         self._estimates.settle()
@@ -163,7 +167,7 @@ class Odometry:
         yield from self._front_end.clustering.add(without_noise)
         self._unwatched.append(batch)
 
-    def _take_unwatched(self) -> list[StereoEvents]:
+    def _take_unwatched(self) -> list[StereoEvents | None]:
         """Return the batches that were not looked at for faults yet."""
         batches, self._unwatched = self._unwatched, []
         return batches
@@ -180,7 +184,7 @@ class Odometry:
         cluster: StereoCluster,
         tracked: TrackedCluster,
         report: ClusterReport,
-        batches: list[StereoEvents],
+        batches: list[StereoEvents | None],
     ) -> ClusterReport:
         """Estimate the motion during a cluster; what can be done after that is.
 

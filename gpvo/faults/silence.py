@@ -30,6 +30,10 @@ class Silence:
         self._others = {"left": 0, "right": 0}
         self._start: float | None = None
 
+    def begin_again(self) -> None:
+        """Take the time before the next events for none without events."""
+        self._latest, self._others, self._start = {}, {"left": 0, "right": 0}, None
+
     def see(self, batch: StereoEvents) -> Iterator[Fault]:
         """Look at the next events; yield what is wrong."""
         if self._start is None:

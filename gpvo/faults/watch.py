@@ -53,8 +53,14 @@ class FaultWatch:
             "clock_offset_deviation_s": offset.deviation if offset else None,
         }
 
-    def see_events(self, batch: StereoEvents) -> None:
-        """Look at the next events of the stream, in batches of any length."""
+    def see_events(self, batch: StereoEvents | None) -> None:
+        """Look at the next events of the stream, in batches of any length.
+
+        None where events were left out on purpose: that is no fault of the cameras.
+        """
+        if batch is None:
+            self._silence.begin_again()
+            return
         self._seconds += batch.stop - batch.start
         self._events[0] += len(batch.left)
         self._events[1] += len(batch.right)

@@ -131,14 +131,18 @@ class LiveOdometry:
             self._check_open()
             return self._estimate(self._pairing.push(left, right))
 
-    def interrupted(self) -> list[ClusterReport]:
+    def interrupted(self, on_purpose: bool = False) -> list[ClusterReport]:
         """Say that data is missing between the events so far and the next ones.
 
         What waits is estimated. Without this a time without events is one in which nothing moved.
+        It is taken for a fault of the cameras unless the events were left out `on_purpose`.
         """
         with self._lock:
             self._check_open()
-            return self._estimate(self._pairing.end())
+            reports = self._estimate(self._pairing.end())
+            if on_purpose:
+                self.odometry.skip()
+            return reports
 
     def settle(self) -> None:
         """Wait until all clusters that were pushed are estimated."""

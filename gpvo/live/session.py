@@ -117,7 +117,7 @@ class LiveSession:
     ) -> None:
         self.live, self.latency, self.load = live, Latency(), Load()
         self._repair, self._record = Repair(rig, live.right_offset), record
-        self._source, self._missing = source, False
+        self._source, self._missing, self._skipped = source, False, False
         self._work, self._worked_until, self._arrival = 0.0, 0.0, 0.0
         self._to_estimate: list[float] = []
         self._progress: Callable[[ClusterReport], None] = lambda _: None
@@ -176,7 +176,7 @@ class LiveSession:
         """Keep the events, but estimate nothing of them."""
         for packet in packets:
             self.load.discarded += sum(map(len, self._received(packet)))
-        self._missing = True
+        self._missing = self._skipped = True
 
     def _process(self, packets: list[Packet]) -> None:
         """Push packets together, but those after a gap apart."""
@@ -186,8 +186,8 @@ class LiveSession:
             sides = self._received(packet)
             if self._missing:
                 self._push(together)
-                self.live.interrupted()
-                together, self._missing = [], False
+                self.live.interrupted(on_purpose=self._skipped)
+                together, self._missing, self._skipped = [], False, False
             stamps = [int(block.t_ns[0]) for block in sides if len(block)]
             if stamps:
                 self.latency.arrived(min(stamps), packet.arrival)

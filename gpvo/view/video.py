@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gpvo.errors import InputError
 from gpvo.observer import Step
+from gpvo.second_thread import SecondThread
 from gpvo.view.event_image import Image, event_image
 from gpvo.view.path_so_far import PathSoFar
 from gpvo.view.tracks import TrackHistory, Tracks
@@ -27,6 +28,8 @@ INK, PALE, PATH = (40, 40, 40), (200, 200, 200), (0, 114, 178)
 class VideoWriter:
     """Writes a picture of each cluster, for as long as it lasts; to be given as observer.
 
+    It is encoded in a thread of its own, while the next one is made.
+
     Raises
     ------
     InputError
@@ -42,6 +45,7 @@ class VideoWriter:
         self._start: float | None = None
         self._written = 0
         self._video: cv2.VideoWriter | None = None
+        self._encoder = SecondThread[None]()
         file.parent.mkdir(parents=True, exist_ok=True)
 
     def __call__(self, step: Step) -> None:
@@ -49,23 +53,31 @@ class VideoWriter:
         picture = self._picture(step, self._history.add(step.tracked))
         self._start = step.report.start if self._start is None else self._start
         wanted = round((step.report.stop - self._start) * RATE)
-        video = self._video or self._begin(picture)
-        for _ in range(wanted - self._written):
-            video.write(np.ascontiguousarray(picture[..., ::-1]))
+        self._video = self._video or self._begin(picture)
+        list(self._encoder.wait())
+        self._encoder.start(self._encode, self._video, picture, wanted - self._written)
         self._written = max(wanted, self._written)
 
     def close(self) -> None:
         """Finish the file."""
+        list(self._encoder.wait())
         if self._video is not None:
             self._video.release()
 
     def _begin(self, picture: Image) -> cv2.VideoWriter:
         height, width = picture.shape[:2]
         codec = cv2.VideoWriter.fourcc(*"mp4v")
-        self._video = cv2.VideoWriter(str(self._file), codec, RATE, (width, height))
-        if not self._video.isOpened():
+        video = cv2.VideoWriter(str(self._file), codec, RATE, (width, height))
+        if not video.isOpened():
             raise InputError(f"{self._file}: the video cannot be written")
-        return self._video
+        return video
+
+    @staticmethod
+    def _encode(video: cv2.VideoWriter, picture: Image, times: int) -> None:
+        """Write a picture so many times."""
+        blue_first = np.ascontiguousarray(picture[..., ::-1])
+        for _ in range(times):
+            video.write(blue_first)
 
     def _picture(self, step: Step, tracks: Tracks) -> Image:
         """Return the event images, the path and a line of text, (height, width, 3) RGB."""

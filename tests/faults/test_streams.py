@@ -87,6 +87,17 @@ def test_a_time_without_events_is_said_once(length: float) -> None:
     assert found(left, right, length) == {"no events": pytest.approx(1.0, abs=0.1)}
 
 
+@pytest.mark.parametrize("on_purpose", [True, False])
+def test_events_that_were_left_out_on_purpose_are_no_silence(on_purpose: bool) -> None:
+    watch = FaultWatch(UNKNOWN_RIG)
+    for batch in batches(events(1), events(2)):
+        if on_purpose and batch.start < 2.0 <= batch.stop:
+            watch.see_events(None)
+        if not 1.0 < batch.start < 2.0:
+            watch.see_events(batch)
+    assert [fault.kind for fault in watch.faults] == ["no events"] * (not on_purpose)
+
+
 def test_a_short_silence_is_none() -> None:
     left, right = (without(events(k), 1.0, 1.15) for k in (1, 2))
     assert found(left, right) == {}

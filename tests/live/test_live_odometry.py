@@ -193,6 +193,16 @@ def test_an_interruption_is_not_taken_for_rest() -> None:
     assert live.close() is not None
 
 
+@pytest.mark.parametrize("on_purpose", [True, False])
+def test_what_was_left_out_on_purpose_is_no_fault(on_purpose: bool) -> None:
+    live = LiveOdometry(room().rig, CONFIG)
+    for start, stop in ((0.0, 0.15), (0.4, 0.5)):
+        live.push(*(raw(side.between(start, stop)) for side in (room().left, room().right)))
+        live.interrupted(on_purpose)
+    live.close()
+    assert ["no events"] * (not on_purpose) == [fault.kind for fault in live.odometry.faults]
+
+
 GOOD = (np.array([1, 2]), np.array([3, 4]), np.array([1000, 1001]), np.array([True, False]))
 
 
