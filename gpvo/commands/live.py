@@ -165,7 +165,7 @@ def _say(session: LiveSession) -> None:
     if load.worst != Level():
         console.print(
             f"the computer was busy: nothing was shed for {load.full_seconds:.1f} s of"
-            f" {load.seconds:.1f} s, at worst {load.worst}; left out:"
+            f" {load.seconds:.1f} s, at worst {load.worst} used; left out:"
             f" {load.left_out:,} events between clusters,"
             f" {load.discarded:,} that had waited too long",
             style="yellow",

@@ -42,7 +42,7 @@ class Level:
 
     def __str__(self) -> str:
         """Say what is used, as in a sentence."""
-        said = [f"events of {1 / self.spacing:.0%} of the time"] * (self.spacing > 1)
+        said = [f"{1 / self.spacing:.0%} of the time"] * (self.spacing > 1)
         said += [f"{self.features:.0%} of the features"] * (self.features < 1)
         return ", ".join(said) or "nothing is shed"
 

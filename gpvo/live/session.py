@@ -158,9 +158,9 @@ class LiveSession:
         self.load.waited(age, now)
         level = self.load.level
         if self.load.is_behind and not was_behind:
-            log.warning("the computer cannot keep up: %s", level)
+            log.warning("the computer cannot keep up; used are %s", level)
         elif was_behind and not self.load.is_behind:
-            log.warning("keeping up again: %s", level)
+            log.warning("keeping up again")
         self.live.odometry.relieve(level.features, level.spacing)
         return age <= LONGEST
 

@@ -76,6 +76,6 @@ def test_the_first_time_is_no_time() -> None:
 
 def test_what_is_shed_is_said() -> None:
     assert str(Level()) == "nothing is shed"
-    assert str(Level(1.25, 0.7)) == "events of 80% of the time, 70% of the features"
-    assert str(LEAST) == "events of 25% of the time, 50% of the features"
+    assert str(Level(1.25, 0.7)) == "80% of the time, 70% of the features"
+    assert str(LEAST) == "25% of the time, 50% of the features"
     assert Level(2.0, 1.0).and_less(Level(1.0, 0.6)) == Level(2.0, 0.6)
