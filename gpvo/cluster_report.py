@@ -26,7 +26,7 @@ class ClusterReport:
     flash
         Time before the cluster that was left out because of a flash, seconds.
     between
-        Events before the cluster that were left out because time was short; both cameras.
+        Events between the cluster before and this one, which were left out; both cameras.
     tracking
         What the tracker found; None if it does not say.
     observations

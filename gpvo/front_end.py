@@ -96,7 +96,7 @@ class FrontEnd:
         full = in_full_pixels(self.configuration)
         self.noise = full.noise
         self.rng = np.random.default_rng(full.seed)
-        self._config, self._span = full.mc_ransac, full.mc_ransac.span
+        self._config = full.mc_ransac
         self._information = np.diag(full.noise.measurement_information)
         self._tracker = (
             MultiResolutionTracker(full.tracking, self.camera) if tracker is None else tracker
@@ -108,18 +108,23 @@ class FrontEnd:
         self._image_motion: ImageMotion | None = None
         self._stage = stage
         self.clustering = Clustering(rig, self.configuration.clustering, lambda: self._image_motion)
+        self._span = self._span_of(1.0)
 
     def relieve(self, features: float, spacing: float) -> None:
         """Do less while time is short.
 
-        Track a share of the configured features, from 0 to 1, in clusters of which each begins
-        `spacing` times its length after the one before. A tracker of a user's own is left alone.
+        Track a share of the configured features, from 0 to 1, in clusters that are `spacing` times
+        farther apart than usual. A tracker of a user's own is left alone.
         """
         if isinstance(self._tracker, MultiResolutionTracker):
             self._tracker.limit_features(features)
-        self.clustering.space(spacing)
-        # The velocity is constant for a time, not for a number of clusters.
-        self._span = max(1, round(self._config.span / spacing))
+        self.clustering.hurry(spacing)
+        self._span = self._span_of(spacing)
+
+    def _span_of(self, spacing: float) -> int:
+        """Return the span of segments: their velocity is constant for a time, not for clusters."""
+        usual = self.configuration.clustering.spacing or 1.0
+        return max(1, round(self._config.span / (usual * spacing)))
 
     def process(self, cluster: StereoCluster) -> TrackedCluster:
         """Track landmarks into the next cluster, in order of time, and reject outliers.

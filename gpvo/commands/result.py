@@ -103,11 +103,13 @@ class Result:
         reports = self.reports
         durations = [report.stop - report.start for report in reports]
         background, hot = np.sum([report.left_out for report in reports], axis=0).tolist()
-        all_events = sum(report.events for report in reports) + background + hot
+        between = sum(report.between for report in reports)
+        all_events = sum(report.events for report in reports) + between + background + hot
         noise_rates = [report.noise_rate for report in reports]
         flashes = [report.flash for report in reports if report.flash > 0]
         rests = [d for d, report in zip(durations, reports, strict=True) if report.at_rest]
         return {
+            "between_clusters_left_out_percent": 100 * between / max(all_events, 1),
             "background_left_out_percent": 100 * background / max(all_events, 1),
             "hot_pixels_left_out_percent": 100 * hot / max(all_events, 1),
             "background_activity": float(np.average(noise_rates, weights=durations)),
@@ -126,6 +128,10 @@ class Result:
             "inlier tracklets per cluster": f"{run['median_inliers']:.0f} (median)",
             "states": f"{run['states']} from {run['start_s']:.3f} to {run['stop_s']:.3f} s",
         }
+        if run["between_clusters_left_out_percent"] > 0:
+            rows["between clusters"] = (
+                f"{run['between_clusters_left_out_percent']:.0f} % of the events left out"
+            )
         if run["background_left_out_percent"] + run["hot_pixels_left_out_percent"] > 0:
             rows["noise left out"] = (
                 f"{run['background_left_out_percent']:.1f} % background activity"

@@ -24,6 +24,7 @@ PAPER: dict[str, Any] = {
     "clustering": {
         "window": 0.1,
         "max_events": 20_000,
+        "spacing": 1.0,
         "background_filter": 0.0,
         "hot_pixel_ratio": 0.0,
         "skip_flashes": False,

@@ -40,6 +40,13 @@ class ClusteringConfig(StageConfig):
         description="Longest duration of a cluster by the blur, seconds, in motion that does not "
         "change.",
     )
+    spacing: float | None = Field(
+        default=None,
+        ge=1,
+        description="A cluster begins so many times its length after the one before, while the "
+        "motion is constant as `blur` says; the events between are left out. null: 1.5 for sensors "
+        "of 640 x 480 pixels and more, 1 for others.",
+    )
     max_events: int | None = Field(
         default=None,
         gt=0,

@@ -67,9 +67,20 @@ class ClusterLength:
     def _duration(self, motion: ImageMotion) -> float:
         config = self._config
         by_motion = config.motion / max(motion.speed, 1e-9)
-        by_blur = 2 * sqrt(2 * config.blur / max(motion.acceleration, 1e-9))
-        sharp = max(config.shortest, min(config.steady, by_blur))
+        sharp = max(config.shortest, min(config.steady, self._constant(motion)))
         return min(config.window, max(by_motion, sharp))
+
+    def _constant(self, motion: ImageMotion) -> float:
+        """Return for how long a motion of constant speed is right."""
+        return 2 * sqrt(2 * self._config.blur / max(motion.acceleration, 1e-9))
+
+    def period(self, duration: float, motion: ImageMotion) -> float:
+        """Return the time from the begin of a cluster of `duration` seconds to the next one's.
+
+        It is `config.spacing` times as long, while the motion is constant.
+        """
+        spaced = (self._config.spacing or 1.0) * duration
+        return max(duration, min(spaced, self._constant(motion)))
 
     def add(self, events: int) -> None:
         """Remember the number of events of a cluster, in the camera that had more.

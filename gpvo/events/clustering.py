@@ -105,7 +105,7 @@ class StereoCluster:
     """Left and right events of the same interval [start, stop), in seconds.
 
     `flash` is the time before `start` that was left out because of a flash, seconds. `between` is
-    the number of events before it, both cameras', that were left out because time was short.
+    the number of events before it, both cameras', that were left out between clusters.
     """
 
     start: float
@@ -121,7 +121,7 @@ class Clustering:
 
     A cluster ends after `config.window` seconds, or as soon as either camera has too many events;
     see `ClusterLength`. `image_motion` returns that of the features in the clusters so far, None if
-    it is unknown. Flashes are left out, and time between clusters while there is no time for all.
+    it is unknown. Flashes are left out, and time between clusters: see `ClusterLength.period`.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class Clustering:
     ) -> None:
         self._image_motion, self._skip_flashes = image_motion, config.skip_flashes
         self._length, self._flashes, self._flash = ClusterLength(config, rig), FlashDetector(), 0.0
-        self._spacing = 1.0
+        self._hurry = 1.0
         self._sides = [
             _PendingEvents(camera, table, rig.resolution, config)
             for camera, table in zip((rig.left, rig.right), rig.tables, strict=True)
@@ -143,9 +143,9 @@ class Clustering:
         """Return the next batch as the noise filter leaves it; in any thread, ahead of `add`.
 
         Both cameras' events are filtered at once if they are many: a thread costs time too. Those
-        of time that is left out are not looked at.
+        of time that is left out because time is short are not looked at.
         """
-        begin = self._start - LEAD if self._spacing > 1 else -np.inf
+        begin = self._start - LEAD if self._hurry > 1 else -np.inf
         left, right = (
             partial(side.without_noise, events, begin)
             for side, events in zip(self._sides, (batch.left, batch.right), strict=True)
@@ -184,9 +184,9 @@ class Clustering:
         may_end = stop >= self._start + duration or most >= limit
         return may_end or stop >= self._end + 0.5 * duration
 
-    def space(self, spacing: float) -> None:
-        """Let a cluster begin so many times its length after the one before, at least once."""
-        self._spacing = spacing
+    def hurry(self, times: float) -> None:
+        """Let clusters begin so many times farther apart than usual, at least once."""
+        self._hurry = times
 
     def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
         """Yield the clusters of a whole stream."""
@@ -211,8 +211,12 @@ class Clustering:
         Where the image motion is unknown the next one follows at once: features are found in one
         cluster and known to be right when they are followed into another.
         """
-        if self._spacing > 1 and self._image_motion() is not None:
-            self._start += (self._spacing - 1) * duration
+        motion = self._image_motion()
+        if motion is None:
+            return
+        pause = self._hurry * self._length.period(duration, motion) - duration
+        if pause > 0:
+            self._start += pause
             for side in self._sides:
                 side.leave_out(self._start)
 

@@ -32,7 +32,7 @@ class Level:
     Attributes
     ----------
     spacing
-        A cluster begins so many times its length after the one before; events between are left out.
+        Clusters are so many times farther apart than usual; the events between are left out.
     features
         Share of the features that are tracked.
     """
@@ -42,17 +42,13 @@ class Level:
 
     def __str__(self) -> str:
         """Say what is used, as in a sentence."""
-        said = [f"{1 / self.spacing:.0%} of the time"] * (self.spacing > 1)
+        said = [f"{1 / self.spacing:.0%} of the events"] * (self.spacing > 1)
         said += [f"{self.features:.0%} of the features"] * (self.features < 1)
         return ", ".join(said) or "nothing is shed"
 
     def and_less(self, other: Level) -> Level:
         """Return the level that sheds what either one does."""
         return Level(max(self.spacing, other.spacing), min(self.features, other.features))
-
-
-LEAST = Level(WIDEST, FEWEST)
-"""What is done while events wait."""
 
 
 class Load:
@@ -62,6 +58,11 @@ class Load:
     Time between clusters cures work that takes most of the time, and costs little. Fewer features
     make each cluster's work shorter: they cure late estimates. Where events wait even so, as much
     is shed as the motion can still be followed with, until the computer has caught up.
+
+    Parameters
+    ----------
+    usual_spacing
+        Times their length that clusters usually begin after the one before.
 
     Attributes
     ----------
@@ -75,7 +76,8 @@ class Load:
         Events wait.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, usual_spacing: float = 1.0) -> None:
+        self._least = Level(max(WIDEST / usual_spacing, 1.0), FEWEST)
         self.left_out = self.discarded = 0
         self.worst = Level()
         self.seconds = self.full_seconds = 0.0
@@ -87,8 +89,8 @@ class Load:
     def level(self) -> Level:
         """What is done now."""
         if self.is_behind:
-            return LEAST
-        return Level(min(max(self._needed, 1.0), WIDEST), self._features)
+            return self._least
+        return Level(min(max(self._needed, 1.0), self._least.spacing), self._features)
 
     def worked(self, seconds: float, arrived: float, latency: float) -> None:
         """Take account of a cluster: the time its work took, its events to arrive, its latency.

@@ -115,7 +115,8 @@ class LiveSession:
         source: Source,
         record: Callable[[EventBlock, EventBlock], None] | None = None,
     ) -> None:
-        self.live, self.latency, self.load = live, Latency(), Load()
+        self.live, self.latency = live, Latency()
+        self.load = Load(live.odometry.configuration.clustering.spacing or 1.0)
         self._repair, self._record = Repair(rig, live.right_offset), record
         self._source, self._missing, self._skipped = source, False, False
         self._work, self._worked_until, self._arrival = 0.0, 0.0, 0.0

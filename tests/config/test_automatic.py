@@ -36,15 +36,23 @@ def test_large_sensors_are_tracked_at_half_their_resolution(size: tuple[int, int
     found = for_camera(Configuration(), size)
     assert found.tracking.resolutions == SIDES[size]
     assert for_camera(found, size) == found
-    back = found.tracking.model_copy(update={"resolutions": None})
-    assert found.model_copy(update={"tracking": back}) == Configuration()
+    assert found.clustering.spacing == (1.5 if max(size) >= 640 else 1.0)
+    tracking = found.tracking.model_copy(update={"resolutions": None})
+    clustering = found.clustering.model_copy(update={"spacing": None})
+    back = found.model_copy(update={"tracking": tracking, "clustering": clustering})
+    assert back == Configuration()
 
 
 @pytest.mark.parametrize("resolutions", [(1,), (2,), (1, 2)])
+@pytest.mark.parametrize("spacing", [1.0, 1.5, 2.0])
 @pytest.mark.parametrize("size", SIDES)
-def test_resolutions_that_are_set_stay(size: tuple[int, int], resolutions: tuple[int, ...]) -> None:
-    configuration = tracked_at(*resolutions)
-    assert for_camera(configuration, size) is configuration
+def test_what_is_set_stays(
+    size: tuple[int, int], spacing: float, resolutions: tuple[int, ...]
+) -> None:
+    configuration = Configuration.model_validate(
+        {"tracking": {"resolutions": resolutions}, "clustering": {"spacing": spacing}}
+    )
+    assert for_camera(configuration, size) == configuration
 
 
 def changed(a: StageConfig, b: StageConfig, path: str = "") -> dict[str, float]:

@@ -60,6 +60,19 @@ def test_the_longer_of_both_times_counts(speed: float, acceleration: float) -> N
     assert limits(ImageMotion(speed, acceleration))[0] == max(limits(one)[0] for one in alone)
 
 
+@given(st.floats(0.01, 0.1), st.floats(1, 4), MOTION.filter(lambda motion: motion is not None))
+def test_clusters_are_apart_while_the_motion_is_constant(
+    duration: float, spacing: float, motion: ImageMotion
+) -> None:
+    period = length((640, 480), spacing=spacing).period(duration, motion)
+    assert duration <= period <= spacing * duration
+    left = motion.acceleration * (period / 2) ** 2 / 2
+    if duration < period < spacing * duration:
+        assert left == pytest.approx(ClusteringConfig().blur)
+    elif period == duration < spacing * duration:
+        assert left >= ClusteringConfig().blur * (1 - 1e-9)
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_events_end_a_cluster_while_the_speed_is_unknown(size: tuple[int, int]) -> None:
     pixels = size[0] * size[1]

@@ -191,7 +191,7 @@ def test_clusters_are_apart_while_time_is_short(
     left, right = random_stream(seed)
     config = ClusteringConfig(window=0.05, background_filter=0.0, hot_pixel_ratio=0.0)
     clustering = Clustering(RIG, config, lambda: ImageMotion(1.0))
-    clustering.space(spacing)
+    clustering.hurry(spacing)
     found = list(clustering.clusters(event_batches(left, right, cuts)))
     start, stop = np.array([(cluster.start, cluster.stop) for cluster in found]).T
     np.testing.assert_allclose(start[1:], (start + spacing * (stop - start))[:-1], atol=1e-9)
@@ -209,7 +209,7 @@ def test_clusters_are_not_apart_where_the_motion_is_unknown() -> None:
     left, right = random_stream(1)
     known: list[ImageMotion | None] = [ImageMotion(1.0)]
     clustering, starts = Clustering(RIG, ClusteringConfig(window=0.05), lambda: known[0]), []
-    clustering.space(3.0)
+    clustering.hurry(3.0)
     for cluster in clustering.clusters(event_batches(left, right, [])):
         starts.append(cluster.start)
         known[0] = None if 0.29 < cluster.start < 0.48 else ImageMotion(1.0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_inverse
 from gpvo import Odometry, Trajectory
-from gpvo.live.load import LEAST
+from gpvo.live.load import FEWEST, WIDEST
 from gpvo.recordings import StereoEvents
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 
@@ -52,7 +52,7 @@ def off(trajectory: Trajectory, t: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def test_with_a_quarter_of_the_time_and_half_of_the_features_the_path_is_nearly_as_good() -> None:
     whole, all_of_it = run(lambda t: True)
-    least, part = run(lambda t: True, LEAST.features, LEAST.spacing)
+    least, part = run(lambda t: True, FEWEST, WIDEST)
     used, events = (sum(report.events for report in each.reports) for each in (least, whole))
     assert used < 0.35 * events and len(least.reports) < 0.35 * len(whole.reports)
     assert sum(report.between for report in least.reports) > 0.6 * events

@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gpvo.live.load import BUSY, CAUGHT_UP, EARLY, FEWEST, LATE, LEAST, OLD, WIDEST, Level, Load
+from gpvo.live.load import BUSY, CAUGHT_UP, EARLY, FEWEST, LATE, OLD, WIDEST, Level, Load
+
+LEAST = Level(WIDEST, FEWEST)
 
 USUAL = 0.05
 """Usual length of clusters, seconds."""
@@ -27,6 +29,14 @@ def test_clusters_are_so_far_apart_that_their_work_leaves_time(share: float) -> 
     """Without time between them it would take a share of the time."""
     spacing = work(Load(), share * USUAL)[-1].spacing
     assert spacing == pytest.approx(np.clip(share / BUSY, 1.0, WIDEST), rel=1e-3)
+
+
+@pytest.mark.parametrize("usual", [1.0, 1.5, 5.0])
+def test_clusters_are_never_too_far_apart_to_follow_the_motion(usual: float) -> None:
+    load = Load(usual)
+    load.waited(2 * OLD, 0.0)
+    for level in (load.level, *work(Load(usual), 10 * USUAL)):
+        assert 1.0 <= level.spacing <= max(WIDEST / usual, 1.0)
 
 
 def test_no_time_is_left_out_when_there_is_time_again() -> None:
@@ -76,6 +86,6 @@ def test_the_first_time_is_no_time() -> None:
 
 def test_what_is_shed_is_said() -> None:
     assert str(Level()) == "nothing is shed"
-    assert str(Level(1.25, 0.7)) == "80% of the time, 70% of the features"
-    assert str(LEAST) == "25% of the time, 50% of the features"
+    assert str(Level(1.25, 0.7)) == "80% of the events, 70% of the features"
+    assert str(LEAST) == "25% of the events, 50% of the features"
     assert Level(2.0, 1.0).and_less(Level(1.0, 0.6)) == Level(2.0, 0.6)
