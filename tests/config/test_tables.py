@@ -18,6 +18,7 @@ WITHOUT_UNIT = {
     "max_condition",
     "relative_decrease",
     "gate",
+    "spacing",
     "acceleration_psd",
 }
 """Ratios, levels of grey, and Q_c, whose halves have units of their own in the text."""
