@@ -44,8 +44,8 @@ class ClusteringConfig(StageConfig):
         default=None,
         ge=1,
         description="A cluster begins so many times its length after the one before, while the "
-        "motion is constant as `blur` says; the events between are left out. null: 1.5 for sensors "
-        "of 640 x 480 pixels and more, 1 for others.",
+        "motion is constant as `blur` says; the events between are left out. null: 1.5 where 640 x "
+        "480 pixels and more are tracked, else 1.",
     )
     max_events: int | None = Field(
         default=None,

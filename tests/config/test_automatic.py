@@ -36,7 +36,7 @@ def test_large_sensors_are_tracked_at_half_their_resolution(size: tuple[int, int
     found = for_camera(Configuration(), size)
     assert found.tracking.resolutions == SIDES[size]
     assert for_camera(found, size) == found
-    assert found.clustering.spacing == (1.5 if max(size) >= 640 else 1.0)
+    assert found.clustering.spacing == (1.5 if size == (640, 480) else 1.0)
     tracking = found.tracking.model_copy(update={"resolutions": None})
     clustering = found.clustering.model_copy(update={"spacing": None})
     back = found.model_copy(update={"tracking": tracking, "clustering": clustering})
