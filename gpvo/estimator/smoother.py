@@ -100,15 +100,21 @@ class FixedLagSmoother:
         usable, left_out = split_usable(measurements, self._window.keys.t, end_time)
         self.diagnostics += left_out
         with one_blas_thread():
-            self._bridge(float(usable.t.min()) if len(usable) else end_time)
+            self._bridge(usable.t, end_time)
             self._update(np.array([end_time]), usable, velocity_estimate)
 
-    def _bridge(self, until: float) -> None:
-        """Carry the estimate on over a break in which there was no cluster, if there was one."""
+    def _bridge(self, measured: Array, end_time: float) -> None:
+        """Carry the estimate on over a break in which there was no cluster, if there was one.
+
+        It ends with the first new measurement, at times (N,), or with the cluster.
+        """
         keys = self._window.keys
-        steps = self._reckoning.steps(float(keys.t[-1]), until) if len(keys) else np.empty(0)
-        if len(steps):
-            self._update(steps, Measurements.concatenate([]), None)
+        if len(keys):
+            last = float(keys.t[-1])
+            until = float(measured.min(initial=end_time, where=measured > last))
+            steps = self._reckoning.steps(last, until)
+            if len(steps):
+                self._update(steps, Measurements.concatenate([]), None)
 
     def _update(
         self, ends: Array, usable: Measurements, velocity_estimate: VelocityFit | None

@@ -47,6 +47,7 @@ class Tracklets:
         """
         if self._clusters and cluster.start - self._clusters[-1][1].stop > BREAK:
             self._unbroken = self._cluster_count
+            self._taken[:] = True  # what is given after the break begins after it
         self._clusters.append((self._cluster_count, cluster))
         self._cluster_count += 1
         self.extend(observations)
