@@ -131,6 +131,11 @@ class Odometry:
         yield from self._reports(self._front_end.clustering.end())
         yield from self._ended()
 
+    @property
+    def wanted_from(self) -> float:
+        """Time before which no events are needed any more, seconds; -inf if all are."""
+        return self._front_end.clustering.wanted_from
+
     def skip(self) -> None:
         """Say that events are left out on purpose before the next batch."""
         self._unwatched.append(None)

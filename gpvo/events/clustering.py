@@ -145,7 +145,7 @@ class Clustering:
         Both cameras' events are filtered at once if they are many: a thread costs time too. Those
         of time that is left out because time is short are not looked at.
         """
-        begin = self._start - LEAD if self._hurry > 1 else -np.inf
+        begin = self.wanted_from
         left, right = (
             partial(side.without_noise, events, begin)
             for side, events in zip(self._sides, (batch.left, batch.right), strict=True)
@@ -187,6 +187,14 @@ class Clustering:
     def hurry(self, times: float) -> None:
         """Let clusters begin so many times farther apart than usual, at least once."""
         self._hurry = times
+        if times > 1:
+            for side in self._sides:
+                side.filter.interrupt()
+
+    @property
+    def wanted_from(self) -> float:
+        """Time before which no events are needed any more, seconds; -inf if all are."""
+        return self._start - LEAD if self._hurry > 1 else -np.inf
 
     def clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
         """Yield the clusters of a whole stream."""
@@ -273,9 +281,7 @@ class _PendingEvents:
     def without_noise(self, events: Events, begin: float) -> Events:
         """Filter the next events of the stream; leave out those before `begin`, seconds."""
         wanted = events.between(begin, np.inf)
-        if len(wanted) < len(events):
-            self._left_out += len(events) - len(wanted)
-            self.filter.interrupt()
+        self._left_out += len(events) - len(wanted)
         return self.filter(wanted)
 
     def add(self, events: Events) -> None:

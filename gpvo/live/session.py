@@ -9,6 +9,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from threading import Condition, Thread
 
+import numpy as np
+
 from gpvo.cluster_report import ClusterReport
 from gpvo.live.latency import Latency
 from gpvo.live.live_odometry import LiveOdometry
@@ -185,6 +187,10 @@ class LiveSession:
         together: list[tuple[EventBlock, EventBlock]] = []
         for packet in packets:
             sides = self._received(packet)
+            if self._is_unwanted(sides):
+                self.load.left_out += sum(map(len, sides))
+                self._missing = self._skipped = True
+                continue
             if self._missing:
                 self._push(together)
                 self.live.interrupted(on_purpose=self._skipped)
@@ -195,6 +201,14 @@ class LiveSession:
                 together.append(sides)
         self._push(together)
         self._note_work(time.perf_counter() - began, packets[-1].arrival)
+
+    def _is_unwanted(self, sides: tuple[EventBlock, EventBlock]) -> bool:
+        """Whether all events are of time that is left out between clusters."""
+        start_ns, wanted_from = self.live.start_ns, self.live.odometry.wanted_from
+        if start_ns is None or not np.isfinite(wanted_from) or self.live.right_offset:
+            return False
+        newest = [int(block.t_ns[-1]) for block in sides if len(block)]
+        return bool(newest) and max(newest) < start_ns + round(wanted_from * 1e9)
 
     def _note_work(self, seconds: float, arrival: float) -> None:
         """Tell the load how long the work on a cluster took, and its events to arrive."""

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gpvo import Configuration, InputError, LiveOdometry, Odometry
-from gpvo.live.load import Level
+from gpvo.live.load import WIDEST, Level
 from gpvo.live.session import LiveSession
 from gpvo.live.sources import RecordingPlayer, open_cameras
 from gpvo.live.sources import two_cameras as two_cameras_module
@@ -59,6 +59,23 @@ def test_with_time_enough_nothing_is_shed(
     np.testing.assert_array_equal(found.T_world_cam, expected.T_world_cam)
     assert len(session.latency.seconds) > 2
     assert min(session.latency.seconds) > 0
+
+
+def test_what_is_left_out_between_clusters_is_counted_and_no_fault(
+    room: SimulatedRecording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gpvo.live.load.BUSY", 1e-6)  # it never has time
+    monkeypatch.setattr("gpvo.live.session.LONGEST", 60.0)
+    live = LiveOdometry(room.rig, CONFIG)
+    session = LiveSession(live, room.rig, RecordingPlayer(room, speed=0.2))
+    session.run()
+    assert live.close() is not None
+    assert session.load.worst.spacing == WIDEST and session.load.discarded == 0
+    used, given = sum(report.events for report in live.reports), len(room.left) + len(room.right)
+    assert session.load.left_out > 0.2 * given
+    # The last events fill no cluster.
+    assert 0.6 * given < used + session.load.left_out <= given
+    assert not any(fault.kind == "no events" for fault in live.odometry.faults)
 
 
 @pytest.mark.parametrize("speed", [1.0, 2.0, 4.0, 10.0])
