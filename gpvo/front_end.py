@@ -123,8 +123,8 @@ class FrontEnd:
 
     def _span_of(self, spacing: float) -> int:
         """Return the span of segments: their velocity is constant for a time, not for clusters."""
-        usual = self.configuration.clustering.spacing or 1.0
-        return max(1, round(self._config.span / (usual * spacing)))
+        apart = self.configuration.clustering.apart * spacing
+        return max(1, round(self._config.span / apart))
 
     def process(self, cluster: StereoCluster) -> TrackedCluster:
         """Track landmarks into the next cluster, in order of time, and reject outliers.

@@ -72,6 +72,11 @@ class ClusteringConfig(StageConfig):
         "of the pixels around them; 0 keeps all.",
     )
 
+    @property
+    def apart(self) -> float:
+        """The `spacing`; 1 until it is found."""
+        return self.spacing or 1.0
+
 
 class FeatureConfig(StageConfig):
     """LIBVISO2's blob and corner detector."""

@@ -79,7 +79,7 @@ class ClusterLength:
 
         It is `config.spacing` times as long, while the motion is constant.
         """
-        spaced = (self._config.spacing or 1.0) * duration
+        spaced = self._config.apart * duration
         return max(duration, min(spaced, self._constant(motion)))
 
     def add(self, events: int) -> None:

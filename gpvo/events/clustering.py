@@ -167,7 +167,7 @@ class Clustering:
         self._end = batch.stop
         for side, events in zip(self._sides, (batch.left, batch.right), strict=True):
             side.add(events)
-            side.leave_out(self._start)
+        self._begin(self._start)
         while (stop := self._next_stop()) <= self._end:
             duration = stop - self._start
             yield from self._without_flashes(self._take(stop))
@@ -224,9 +224,13 @@ class Clustering:
             return
         pause = self._hurry * self._length.period(duration, motion) - duration
         if pause > 0:
-            self._start += pause
-            for side in self._sides:
-                side.leave_out(self._start)
+            self._begin(self._start + pause)
+
+    def _begin(self, start: float) -> None:
+        """Let the next cluster begin at a time, seconds; leave out the events before it."""
+        self._start = start
+        for side in self._sides:
+            side.leave_out(start)
 
     def _next_stop(self) -> float:
         duration, limit = self._length.limits(self._image_motion())

@@ -26,13 +26,13 @@ class Silence:
 
     def __init__(self) -> None:
         self.silences: dict[str, list[tuple[float, float]]] = {"left": [], "right": [], "both": []}
-        self._latest: dict[str, float] = {}
-        self._others = {"left": 0, "right": 0}
-        self._start: float | None = None
+        self.begin_again()
 
     def begin_again(self) -> None:
         """Take the time before the next events for none without events."""
-        self._latest, self._others, self._start = {}, {"left": 0, "right": 0}, None
+        self._latest: dict[str, float] = {}
+        self._others = {"left": 0, "right": 0}
+        self._start: float | None = None
 
     def see(self, batch: StereoEvents) -> Iterator[Fault]:
         """Look at the next events; yield what is wrong."""

@@ -78,6 +78,14 @@ def test_while_events_wait_as_much_is_shed_as_the_motion_can_be_followed_with() 
     assert load.worst == LEAST and load.seconds == 6 and load.full_seconds == 3
 
 
+def test_the_time_of_a_cluster_alone_sheds_nothing() -> None:
+    load = Load()
+    ages = [0.0, 0.05, 0.1, 0.02, 0.001] * 40
+    for index, age in enumerate(ages):
+        load.waited(age, index / 100)
+        assert load.level == Level()
+
+
 def test_the_first_time_is_no_time() -> None:
     load = Load()
     load.waited(0.9 * OLD, 1e6)
