@@ -10,7 +10,7 @@ AUTO: dict[str, Any] = {
         "measurement_information": [4.0, 4.0, 7.0],
         "track_drift": 1.0,
         "known_again": 1.5,
-        "motion_memory": 1.0,
+        "motion_memory": 0.5,
         "measurement_memory": 5.0,
     },
     "estimator": {"bridge": 0.75},

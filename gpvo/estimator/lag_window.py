@@ -25,6 +25,7 @@ from gpvo.estimator.own_factors import OwnFactors, factors_that_leave
 from gpvo.estimator.state_times import SAME_TIME
 from gpvo.estimator.window_knots import WindowKnots, joint_covariances
 from gpvo.estimator.window_landmarks import Marginalised, WindowLandmarks, merged_states
+from gpvo.estimator.window_motion import WindowMotion
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.covariance_knots import CovarianceKnots
@@ -77,8 +78,8 @@ class LagWindow:
         The states at the times between them, given them; None where none is known.
     solved
         How many key states GTSAM has; later ones are predicted.
-    landmarks
-        The measurements in the window, and the factor of them.
+    motion, landmarks
+        The priors of the motion; the measurements in the window, and the factor of them.
     leaves
         The states that leave it with the next update.
     knots
@@ -97,6 +98,7 @@ class LagWindow:
         self.own, self.first = own, first
         self.keys, self.solved = States(), 0
         self.between: StatesBetween | None = None
+        self.motion = WindowMotion(build, reckoning)
         self.landmarks = WindowLandmarks(build)
         self.knots = WindowKnots(build.config.covariance_interval)
         self._smoother, self.leaves = KeyStateSmoother(), NOTHING
@@ -198,12 +200,16 @@ class LagWindow:
         update.add_factors(self._prior_on_first_state())
 
     def extend(self, update: GraphUpdate, t: Array, twist: Array) -> None:
-        """Add key states at times t (N,), moving at a twist (6,), and the WNOA priors to them."""
+        """Add key states at times t (N,), moving at a twist (6,)."""
         last, count = self.keys.t[-1], len(self)
         self.keys = States.concatenate([self.keys, self.keys[-1:].at(t, twist)])
         update.add_states(self.numbered.after(count))
         self._reckoning.extend(float(last), float(t[-1]))
-        update.add_factors(self._motion_since(count - 1))
+
+    def follow_motion(self, update: GraphUpdate) -> None:
+        """Tie the key states that stay by WNOA priors with the Q_c that is known now."""
+        leaving = self.leaves.count
+        self.motion.follow(update, self.numbered.after(leaving), max(self.solved, 1) - leaving)
 
     def add_measurements(self, update: GraphUpdate, new: Measurements) -> None:
         """Add new measurements, and marginalise those that leave.
@@ -231,7 +237,9 @@ class LagWindow:
         """
         more_steps = GUESSED_STEPS if self._reckoning.in_window else 0
         times = float(self.keys.t[-1]), self.leaves.before
-        self.landmarks.updated(self._smoother.update(update, *times, more_steps))
+        added = self._smoother.update(update, *times, more_steps)
+        self.landmarks.updated(added)
+        self.motion.updated(added)
         count = self.leaves.count
         self._leave(self._smoother.states(self.numbers[count:], self.keys.t[count:]))
         self.solved = len(self.keys)
@@ -246,8 +254,8 @@ class LagWindow:
         if count:
             self._leave(self.keys[count:])
         self._smoother, update = KeyStateSmoother(), GraphUpdate()
-        motion = self._motion_since(0)
-        update.add_factors([*self._prior_on_first_state(), *motion, *self.own.active])
+        update.add_factors([*self._prior_on_first_state(), *self.own.active])
+        self.motion.add_all_to(update, self.numbered)
         update.add_states(self.numbered)
         # A prior is of the first state; with another one it says nothing.
         self.landmarks.add_all_to(update, self.numbered, forget or count > 0)
@@ -268,12 +276,6 @@ class LagWindow:
         self.leaves = NOTHING
         self.own.keep({key(k) for k in self.numbers for key in (X, V)})
         self._reckoning.forget(float(stays.t[0]))
-
-    def _motion_since(self, first: int) -> list[gtsam.NonlinearFactor]:
-        """Make the WNOA priors from a key state on, and what is guessed of the velocity."""
-        numbers, t = self.numbers[first:], self.keys.t[first:]
-        density = self._reckoning.densities(t, self._build.qc)
-        return [*self._build.motion(numbers, t, density), *self._reckoning.at_rest(numbers, t)]
 
     def _prior_on_first_state(self) -> list[gtsam.NonlinearFactor]:
         T_world_cam, twist = self.keys.T_world_cam[0], self.keys.twist[0]

@@ -133,6 +133,7 @@ class FixedLagSmoother:
         for end_time in ends.tolist():
             self._lag.advance(end_time)
             self._extend(update, usable, end_time, velocity_estimate)
+        self._window.follow_motion(update)
         accepted = self._accepted(usable)
         self.diagnostics += self._own.add_to(update, self._window.numbered)
         self._solve(update, accepted)
@@ -329,7 +330,7 @@ class FixedLagSmoother:
         end_time: float,
         velocity: VelocityFit | None,
     ) -> None:
-        """Add key states up to the cluster's end, and the WNOA priors between them."""
+        """Add key states up to the cluster's end."""
         keys = self._window.keys
         stop = max(end_time, keys.t[-1])
         t = key_times(keys.t[-1], measurements.t, stop, self._interval(measurements))

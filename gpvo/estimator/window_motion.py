@@ -1,0 +1,51 @@
+"""The motion priors of a window: Q_c is that which is known now, also for what was measured before.
+
+While Q_c is learned, a motion that becomes livelier is known to be only after some of it was
+smoothed too much. The WNOA priors between the key states that stay are therefore replaced at each
+update; what leaves the window is marginalised with the ones that it was estimated with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gpvo.estimator.dead_reckoning import DeadReckoning
+from gpvo.estimator.graph_builder import GraphBuilder
+from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
+
+
+class WindowMotion:
+    """The WNOA priors between the key states, and what is guessed of velocities."""
+
+    def __init__(self, build: GraphBuilder, reckoning: DeadReckoning) -> None:
+        self._build, self._reckoning = build, reckoning
+        self._index: dict[int, int] = {}  # in GTSAM's graph, by the number of the earlier state
+        self._place: dict[int, int] = {}  # in the update
+
+    def follow(self, update: GraphUpdate, window: NumberedStates, known: int) -> None:
+        """Replace the priors by those between the states that stay; the first `known` have some."""
+        stay = window.numbers[0]
+        update.removed += [index for number, index in self._index.items() if number >= stay]
+        self._index.clear()
+        self._add_priors(update, window)
+        self._add_guesses(update, window.after(known - 1))
+
+    def add_all_to(self, update: GraphUpdate, window: NumberedStates) -> None:
+        """Add all to a new smoother."""
+        self._index.clear()
+        self._add_priors(update, window)
+        self._add_guesses(update, window)
+
+    def updated(self, added: Sequence[int]) -> None:
+        """Note the indices that GTSAM gave to the factors that were added."""
+        self._index |= {number: added[place] for number, place in self._place.items()}
+        self._place.clear()
+
+    def _add_priors(self, update: GraphUpdate, window: NumberedStates) -> None:
+        first, numbers, t = len(update.factors), window.numbers, window.states.t
+        density = self._reckoning.densities(t, self._build.qc)
+        update.add_factors(self._build.motion(numbers, t, density))
+        self._place = {number: first + k for k, number in enumerate(numbers[:-1])}
+
+    def _add_guesses(self, update: GraphUpdate, window: NumberedStates) -> None:
+        update.add_factors(self._reckoning.at_rest(window.numbers, window.states.t))
