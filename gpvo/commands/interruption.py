@@ -48,6 +48,13 @@ def end_at_once() -> AbstractContextManager[None]:
     return signals_to(end)
 
 
+def ignore_signals() -> None:
+    """Ignore Ctrl-C and SIGTERM from now on, while Python ends: the exit status is known."""
+    if current_thread() is main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
+
 def say_end(number: int) -> int:
     """Say that a signal ended the program before there were results; return the exit status."""
     what = "interrupted" if number == signal.SIGINT else "terminated"

@@ -97,6 +97,21 @@ def test_the_end_may_come_at_any_time(
     assert process.returncode in {0, 128 + number}, said
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_end_while_python_ends_is_none_by_a_signal(number: signal.Signals) -> None:
+    """Python gives signals back to the system before it has ended."""
+    for delay in np.linspace(0.0, 0.03, 6).tolist():
+        with subprocess.Popen(
+            [*COMMAND, "config"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        ) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(delay)
+            process.send_signal(number)
+            process.stdout.read()
+        assert process.returncode in {0, 128 + number}
+
+
 def test_a_second_run_into_one_folder_is_refused(
     recording: RecordingFiles, gpvo: Callable, tmp_path: Path
 ) -> None:
