@@ -21,6 +21,14 @@ from factors.kernels.local_variables import wnoa_kernel
 from factors.kernels.se3 import Array
 
 
+def halfway_duration(qc: float, deviation: float) -> float:
+    """Return the seconds between two states after which one half-way is as uncertain, given both.
+
+    Its variance by the prior is qc dt^3 / 192.
+    """
+    return float(np.cbrt(192 * deviation**2 / max(qc, np.finfo(float).tiny)))
+
+
 def whitening(qc: ArrayLike, dimension: int = 6) -> Array:
     """Compute the lower triangular W (n, n) with WᵀW = qc^-1."""
     return np.linalg.inv(np.linalg.cholesky(power_spectral_density(qc, dimension)))

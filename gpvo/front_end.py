@@ -105,9 +105,10 @@ class FrontEnd:
         self._found, self._found_out_of_bounds = Observations.none(), 0
         self._tracked_pixel = full.tracking.pixel
         self._acceleration = ImageAcceleration(self.camera)
-        self._image_motion: ImageMotion | None = None
+        self._image_speed: float | None = None
+        self._qc: NDArray[np.float64] | None = None
         self._stage = stage
-        self.clustering = Clustering(rig, self.configuration.clustering, lambda: self._image_motion)
+        self.clustering = Clustering(rig, self.configuration.clustering, self._tracked_motion)
         self._span = self._span_of(1.0)
 
     def relieve(self, features: float, spacing: float) -> None:
@@ -123,7 +124,7 @@ class FrontEnd:
 
     def _span_of(self, spacing: float) -> int:
         """Return the span of segments: their velocity is constant for a time, not for clusters."""
-        apart = self.configuration.clustering.apart * spacing
+        apart = self.configuration.clustering.spacing * spacing
         return max(1, round(self._config.span / apart))
 
     def process(self, cluster: StereoCluster) -> TrackedCluster:
@@ -149,7 +150,7 @@ class FrontEnd:
             self._acceleration.follow(cluster.stop, estimate.velocity, later.stereo[:, 2])
             if self._motion is not None:
                 self._motion.velocity = estimate.velocity
-        self._image_motion = self._tracked_motion()
+        self._image_speed = self._tracklets.image_speed()
         return TrackedCluster(
             observations,
             self._tracking_report(),
@@ -181,16 +182,21 @@ class FrontEnd:
 
     def _tracked_motion(self) -> ImageMotion | None:
         """Return the motion of the features in tracked pixels; None while few are known."""
-        speed = self._tracklets.image_speed()
-        if speed is None:
+        if self._image_speed is None:
             return None
-        return ImageMotion(
-            speed / self._tracked_pixel, self._acceleration.value / self._tracked_pixel
-        )
+        pixel, known = self._tracked_pixel, self._acceleration
+        density = np.inf if self._qc is None else known.density(self._qc)
+        return ImageMotion(self._image_speed / pixel, known.value / pixel, density / pixel**2)
 
-    def tell_pose(self, latest: MotionEstimate | None) -> None:
-        """Tell the tracker the estimate at the cluster before, which a user's own may not need."""
-        if self._motion is not None and latest is not None:
+    def tell_estimate(self, latest: MotionEstimate | None) -> None:
+        """Tell the estimate at the cluster before: the pose to the tracker, Q_c to the clustering.
+
+        A tracker of a user's own may not need it.
+        """
+        if latest is None:
+            return
+        self._qc = latest.qc
+        if self._motion is not None:
             self._motion.restart(latest.t, latest.T_world_cam)
 
     @property

@@ -152,7 +152,7 @@ class Odometry:
                 self.tracked_until = cluster.stop
                 report = ClusterReport.of(cluster, tracked)
                 yield from self._estimates.wait()
-                self._front_end.tell_pose(self._latest)
+                self._front_end.tell_estimate(self._latest)
                 batches = self._take_unwatched()
                 self._estimates.start(self._estimate, cluster, tracked, report, batches)
                 self._front_end.extend()

@@ -11,9 +11,6 @@ Stage = TypeVar("Stage", bound=StageConfig)
 LARGE = 640 * 480
 """Pixels up to which a sensor is tracked at its full resolution."""
 
-SPACING = 1.5
-"""Times their length that clusters begin after the one before, where LARGE images are tracked."""
-
 LENGTHS: dict[str, dict[str, int]] = {
     "tracklets": {"time_radius": 1, "min_disparity": 1, "min_length": 1},
     "mc_ransac": {"pixel_threshold": 1},
@@ -28,20 +25,13 @@ def for_camera(configuration: Configuration, resolution: tuple[int, int]) -> Con
     Features of event images are edges, and what is tracked must hold some of them: the same patch
     holds fewer on a larger sensor, which also sees finer texture than a cluster can show. Sensors
     of more than LARGE pixels are therefore tracked at half their resolution.
-
-    Where LARGE images are tracked, time between clusters is left out: on 20 simulated recordings of
-    640 x 480 pixels, in calm and lively motion, errors are the same within their scatter, and it
-    takes 0.8 of the processor's time. At half of 1280 x 720 pixels the final error grew.
     """
-    pixels = resolution[0] * resolution[1]
-    clustering, tracking = configuration.clustering, configuration.tracking
-    if tracking.resolutions is None:
-        side = 1 if pixels <= LARGE else 2
-        tracking = tracking.model_copy(update={"resolutions": (side,)})
-    if clustering.spacing is None:
-        spacing = SPACING if pixels >= tracking.pixel**2 * LARGE else 1.0
-        clustering = clustering.model_copy(update={"spacing": spacing})
-    return configuration.model_copy(update={"clustering": clustering, "tracking": tracking})
+    tracking = configuration.tracking
+    if tracking.resolutions is not None:
+        return configuration
+    side = 1 if resolution[0] * resolution[1] <= LARGE else 2
+    tracking = tracking.model_copy(update={"resolutions": (side,)})
+    return configuration.model_copy(update={"tracking": tracking})
 
 
 def in_full_pixels(configuration: Configuration) -> Configuration:

@@ -40,12 +40,24 @@ class ClusteringConfig(StageConfig):
         description="Longest duration of a cluster by the blur, seconds, in motion that does not "
         "change.",
     )
-    spacing: float | None = Field(
-        default=None,
+    spacing: float = Field(
+        default=2.0,
         ge=1,
-        description="A cluster begins so many times its length after the one before, while the "
-        "motion is constant as `blur` says; the events between are left out. null: 1.5 where 640 x "
-        "480 pixels and more are tracked, else 1.",
+        description="A cluster begins up to so many times its length after the one before; the "
+        "events between are left out. 1 takes all events.",
+    )
+    stride: float = Field(
+        default=8.0,
+        gt=0,
+        description="Image motion of the slower features from one cluster's begin to the next "
+        "one's, up to which events between are left out, tracked pixels.",
+    )
+    uncertainty: float = Field(
+        default=0.05,
+        gt=0,
+        description="Standard deviation of the image half-way between the begins of two clusters, "
+        "given both, up to which events between are left out, tracked pixels: livelier motion, of "
+        "which Q_c is larger, is looked at more often.",
     )
     max_events: int | None = Field(
         default=None,
@@ -71,11 +83,6 @@ class ClusteringConfig(StageConfig):
         description="Drop events of pixels that had more recent events than this many times those "
         "of the pixels around them; 0 keeps all.",
     )
-
-    @property
-    def apart(self) -> float:
-        """The `spacing`; 1 until it is found."""
-        return self.spacing or 1.0
 
 
 class FeatureConfig(StageConfig):

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
+from factors.wnoa import halfway_duration
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
+from gpvo.tracking.image_acceleration import image_density
 
 Array = NDArray[np.float64]
 SAME_TIME = 5e-7
@@ -59,10 +61,9 @@ def key_interval(noise: NoiseConfig, camera: StereoCamera, disparity: float) -> 
     Half-way between two states dt apart, the prior's variance is Q_c dt^3 / 192. Seen in the image
     of a landmark with this disparity, its root is at most `STIFFNESS` of the measurement's.
     """
-    qc, information = np.array(noise.acceleration_psd), np.array(noise.measurement_information)
-    pixels_per_metre = disparity / camera.baseline
-    density = camera.fx**2 * qc[:3].max() + pixels_per_metre**2 * qc[3:].max()
-    return float(np.cbrt(192 * STIFFNESS**2 / (density * information[:2].max())))
+    density = image_density(camera, np.array(noise.acceleration_psd), disparity / camera.baseline)
+    deviation = STIFFNESS / np.sqrt(max(noise.measurement_information[:2]))
+    return halfway_duration(density, float(deviation))
 
 
 class Lag:

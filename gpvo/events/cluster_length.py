@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import inf, sqrt
 from statistics import median
 
+from factors.wnoa import halfway_duration
 from gpvo.config import ClusteringConfig
 from gpvo.recordings import StereoRig
 
@@ -33,10 +34,14 @@ class ImageMotion:
         Pixels per second.
     acceleration
         Pixels per second^2, infinite if unknown.
+    density
+        Power spectral density of the acceleration that the estimator expects, pixels^2 / s^3,
+        infinite if unknown.
     """
 
     speed: float
     acceleration: float = inf
+    density: float = inf
 
 
 class ClusterLength:
@@ -77,10 +82,13 @@ class ClusterLength:
     def period(self, duration: float, motion: ImageMotion) -> float:
         """Return the time from the begin of a cluster of `duration` seconds to the next one's.
 
-        It is `config.spacing` times as long, while the motion is constant.
+        It is up to `config.spacing` times as long: as far as contours are easily found again, and
+        the estimator's motion prior tells what happened between two clusters.
         """
-        spaced = self._config.apart * duration
-        return max(duration, min(spaced, self._constant(motion)))
+        config = self._config
+        near = config.stride / max(motion.speed, 1e-9)
+        known = halfway_duration(motion.density, config.uncertainty)
+        return max(duration, min(config.spacing * duration, near, known))
 
     def add(self, events: int) -> None:
         """Remember the number of events of a cluster, in the camera that had more.

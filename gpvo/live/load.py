@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gpvo.events.clustering import WIDEST
+
 BUSY = 0.65
 """Share of the time that the work on clusters may take: with more, some wait for others."""
 MEMORY = 0.15
 """Time over which that share is averaged, seconds."""
-WIDEST = 4.0
-"""Most times its length that a cluster begins after the one before: landmarks are still followed.
-
-On simulated hand-held motion, with half of the features, paths were as good as with 1 up to 4, and
-more than twice as far off with 5.
-"""
 LATE, EARLY = 0.07, 0.06
 """Latency above which fewer features are tracked, and below which more are, seconds."""
 FEWER, MORE, FEWEST = 0.85, 1.04, 0.5
@@ -51,6 +47,10 @@ class Level:
         return Level(max(self.spacing, other.spacing), min(self.features, other.features))
 
 
+LEAST = Level(WIDEST, FEWEST)
+"""What is done while events wait: the motion can still be followed with it."""
+
+
 class Load:
     """How much is shed, by how busy the computer is, how late estimates are, and how long events
     wait.
@@ -58,11 +58,6 @@ class Load:
     Time between clusters cures work that takes most of the time, and costs little. Fewer features
     make each cluster's work shorter: they cure late estimates. Where events wait even so, as much
     is shed as the motion can still be followed with, until the computer has caught up.
-
-    Parameters
-    ----------
-    usual_spacing
-        Times their length that clusters usually begin after the one before.
 
     Attributes
     ----------
@@ -76,8 +71,7 @@ class Load:
         Events wait.
     """
 
-    def __init__(self, usual_spacing: float = 1.0) -> None:
-        self._least = Level(max(WIDEST / usual_spacing, 1.0), FEWEST)
+    def __init__(self) -> None:
         self.left_out = self.discarded = 0
         self.worst = Level()
         self.seconds = self.full_seconds = 0.0
@@ -89,8 +83,8 @@ class Load:
     def level(self) -> Level:
         """What is done now."""
         if self.is_behind:
-            return self._least
-        return Level(min(max(self._needed, 1.0), self._least.spacing), self._features)
+            return LEAST
+        return Level(min(max(self._needed, 1.0), WIDEST), self._features)
 
     def worked(self, seconds: float, arrived: float, latency: float) -> None:
         """Take account of a cluster: the time its work took, its events to arrive, its latency.

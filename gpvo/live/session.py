@@ -118,7 +118,7 @@ class LiveSession:
         record: Callable[[EventBlock, EventBlock], None] | None = None,
     ) -> None:
         self.live, self.latency = live, Latency()
-        self.load = Load(live.odometry.configuration.clustering.apart)
+        self.load = Load()
         self._repair, self._record = Repair(rig, live.right_offset), record
         self._source, self._missing, self._skipped = source, False, False
         self._work, self._worked_until, self._arrival = 0.0, 0.0, 0.0

@@ -18,7 +18,8 @@ class ImageAcceleration:
     """How fast the image motion changes in the latest clusters.
 
     A camera with the angular velocity w and the velocity v moves the image by f |w| + f |v| / Z
-    pixels per second at most in its middle, where f / Z is the disparity over the baseline.
+    pixels per second at most in its middle, where f / Z is the disparity over the baseline: the
+    nearness, pixels per metre.
 
     Attributes
     ----------
@@ -28,6 +29,7 @@ class ImageAcceleration:
 
     def __init__(self, camera: StereoCamera) -> None:
         self._camera, self.value = camera, np.inf
+        self._nearness = np.inf
         self._known: deque[tuple[float, Array]] = deque()
 
     def follow(self, t: float, velocity: Array, disparity: Array) -> None:
@@ -38,6 +40,21 @@ class ImageAcceleration:
             start, before = self._known[0]
             change = (velocity - before) / (t - start)
             turn, shift = np.linalg.norm(change[:3]), np.linalg.norm(change[3:])
-            nearness = np.median(disparity) / self._camera.baseline
-            self.value = float(self._camera.fx * turn + nearness * shift)
+            self._nearness = float(np.median(disparity)) / self._camera.baseline
+            self.value = float(self._camera.fx * turn + self._nearness * shift)
         self._known.append((t, velocity))
+
+    def density(self, qc: Array) -> float:
+        """Return its power spectral density if that of the body is qc (6,), pixels^2 / s^3.
+
+        It is infinite while it is unknown.
+        """
+        return image_density(self._camera, qc, self._nearness)
+
+
+def image_density(camera: StereoCamera, qc: Array, nearness: float) -> float:
+    """Return the power spectral density of the image's acceleration, pixels^2 / s^3.
+
+    That of the body is qc (6,), along its worst axes. The nearness is f / Z, pixels per metre.
+    """
+    return float(camera.fx**2 * qc[:3].max() + nearness**2 * qc[3:].max())

@@ -64,7 +64,7 @@ def test_noise_that_was_left_out_is_said_with_its_rate() -> None:
 def test_flashes_hot_pixels_and_rest_are_said() -> None:
     result = run(0.0)
     still = TrackingReport(0, 0, 9, 9, at_rest=True)
-    reports = [replace(report, left_out=(0, 0)) for report in result.reports]
+    reports = [replace(report, left_out=(0, 0), between=0) for report in result.reports]
     reports[1] = replace(reports[1], flash=0.05)
     reports[2] = replace(reports[2], flash=0.02, left_out=(0, sum(r.events for r in reports)))
     reports[3] = replace(reports[3], tracking=still, start=10.0, stop=12.5)

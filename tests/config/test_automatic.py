@@ -36,23 +36,14 @@ def test_large_sensors_are_tracked_at_half_their_resolution(size: tuple[int, int
     found = for_camera(Configuration(), size)
     assert found.tracking.resolutions == SIDES[size]
     assert for_camera(found, size) == found
-    assert found.clustering.spacing == (1.5 if size == (640, 480) else 1.0)
     tracking = found.tracking.model_copy(update={"resolutions": None})
-    clustering = found.clustering.model_copy(update={"spacing": None})
-    back = found.model_copy(update={"tracking": tracking, "clustering": clustering})
-    assert back == Configuration()
+    assert found.model_copy(update={"tracking": tracking}) == Configuration()
 
 
 @pytest.mark.parametrize("resolutions", [(1,), (2,), (1, 2)])
-@pytest.mark.parametrize("spacing", [1.0, 1.5, 2.0])
 @pytest.mark.parametrize("size", SIDES)
-def test_what_is_set_stays(
-    size: tuple[int, int], spacing: float, resolutions: tuple[int, ...]
-) -> None:
-    configuration = Configuration.model_validate(
-        {"tracking": {"resolutions": resolutions}, "clustering": {"spacing": spacing}}
-    )
-    assert for_camera(configuration, size) == configuration
+def test_what_is_set_stays(size: tuple[int, int], resolutions: tuple[int, ...]) -> None:
+    assert for_camera(tracked_at(*resolutions), size) == tracked_at(*resolutions)
 
 
 def changed(a: StageConfig, b: StageConfig, path: str = "") -> dict[str, float]:

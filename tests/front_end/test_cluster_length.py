@@ -28,7 +28,8 @@ def length(size: tuple[int, int], **fields: float) -> ClusterLength:
 
 
 ACCELERATION = st.floats(0, 1e6) | st.just(np.inf)
-MOTION = st.none() | st.builds(ImageMotion, st.floats(0, 1e5), ACCELERATION)
+KNOWN = st.builds(ImageMotion, st.floats(0, 1e5), ACCELERATION, ACCELERATION)
+MOTION = st.none() | KNOWN
 
 
 @given(st.floats(0, 1e5), st.floats(0.5, 5), st.floats(0.02, 0.5), st.floats(0, 0.02))
@@ -60,17 +61,24 @@ def test_the_longer_of_both_times_counts(speed: float, acceleration: float) -> N
     assert limits(ImageMotion(speed, acceleration))[0] == max(limits(one)[0] for one in alone)
 
 
-@given(st.floats(0.01, 0.1), st.floats(1, 4), MOTION.filter(lambda motion: motion is not None))
-def test_clusters_are_apart_while_the_motion_is_constant(
+@given(st.floats(0.01, 0.1), st.floats(1, 4), KNOWN)
+def test_clusters_are_apart_while_the_motion_is_slow_and_expected(
     duration: float, spacing: float, motion: ImageMotion
 ) -> None:
+    """The image moves by the stride, or its deviation half-way is the uncertainty, at most."""
+    config = ClusteringConfig(spacing=spacing)
     period = length((640, 480), spacing=spacing).period(duration, motion)
     assert duration <= period <= spacing * duration
-    left = motion.acceleration * (period / 2) ** 2 / 2
+    moved = motion.speed * period / config.stride
+    off = np.sqrt(motion.density * period**3 / 192) / config.uncertainty
     if duration < period < spacing * duration:
-        assert left == pytest.approx(ClusteringConfig().blur)
+        assert max(moved, off) == pytest.approx(1.0)
     elif period == duration < spacing * duration:
-        assert left >= ClusteringConfig().blur * (1 - 1e-9)
+        assert max(moved, off) >= 1 - 1e-9
+
+
+def test_clusters_follow_each_other_until_the_noise_of_the_motion_is_known() -> None:
+    assert length((640, 480)).period(0.05, ImageMotion(10.0)) == 0.05
 
 
 @pytest.mark.parametrize("size", SIZES)

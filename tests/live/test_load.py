@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gpvo.live.load import BUSY, CAUGHT_UP, EARLY, FEWEST, LATE, OLD, WIDEST, Level, Load
-
-LEAST = Level(WIDEST, FEWEST)
+from gpvo.events.clustering import WIDEST
+from gpvo.live.load import BUSY, CAUGHT_UP, EARLY, FEWEST, LATE, LEAST, OLD, Level, Load
 
 USUAL = 0.05
 """Usual length of clusters, seconds."""
@@ -29,14 +28,6 @@ def test_clusters_are_so_far_apart_that_their_work_leaves_time(share: float) -> 
     """Without time between them it would take a share of the time."""
     spacing = work(Load(), share * USUAL)[-1].spacing
     assert spacing == pytest.approx(np.clip(share / BUSY, 1.0, WIDEST), rel=1e-3)
-
-
-@pytest.mark.parametrize("usual", [1.0, 1.5, 5.0])
-def test_clusters_are_never_too_far_apart_to_follow_the_motion(usual: float) -> None:
-    load = Load(usual)
-    load.waited(2 * OLD, 0.0)
-    for level in (load.level, *work(Load(usual), 10 * USUAL)):
-        assert 1.0 <= level.spacing <= max(WIDEST / usual, 1.0)
 
 
 def test_no_time_is_left_out_when_there_is_time_again() -> None:

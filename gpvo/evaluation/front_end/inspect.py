@@ -186,7 +186,7 @@ class _Inspector:
 
     def _estimate(self, cluster: StereoCluster, tracked: TrackedCluster) -> None:
         """Estimate in the order of the odometry, which tracks a cluster beside the one before."""
-        self.front_end.tell_pose(self._estimator.latest())
+        self.front_end.tell_estimate(self._estimator.latest())
         with one_blas_thread():
             self._measurements.add(cluster.stop, tracked.measurements, tracked.velocity_estimate)
 
