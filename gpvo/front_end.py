@@ -27,6 +27,9 @@ from gpvo.tracking import (
 )
 from gpvo.trajectory import MotionEstimate
 
+AGREE = 0.5
+"""Share of the features that are inliers where the motion is known well."""
+
 
 @dataclass(frozen=True, eq=False)
 class TrackedCluster:
@@ -106,6 +109,7 @@ class FrontEnd:
         self._tracked_pixel = full.tracking.pixel
         self._acceleration = ImageAcceleration(self.camera)
         self._image_speed: float | None = None
+        self._inliers, self._share = 0, 1.0
         self._qc: NDArray[np.float64] | None = None
         self._stage = stage
         self.clustering = Clustering(rig, self.configuration.clustering, self._tracked_motion)
@@ -119,6 +123,7 @@ class FrontEnd:
         """
         if isinstance(self._tracker, MultiResolutionTracker):
             self._tracker.limit_features(features)
+        self._share = features
         self.clustering.hurry(spacing)
         self._span = self._span_of(spacing)
 
@@ -151,6 +156,7 @@ class FrontEnd:
             if self._motion is not None:
                 self._motion.velocity = estimate.velocity
         self._image_speed = self._tracklets.image_speed()
+        self._inliers = int(inliers.sum())
         return TrackedCluster(
             observations,
             self._tracking_report(),
@@ -181,11 +187,15 @@ class FrontEnd:
         return tracker.track(cluster)
 
     def _tracked_motion(self) -> ImageMotion | None:
-        """Return the motion of the features in tracked pixels; None while few are known."""
+        """Return the motion of the features in tracked pixels; None while few are known.
+
+        What it will be is unknown where few landmarks agree on what it is.
+        """
         if self._image_speed is None:
             return None
         pixel, known = self._tracked_pixel, self._acceleration
-        density = np.inf if self._qc is None else known.density(self._qc)
+        agree = self._inliers >= AGREE * self._share * self.configuration.tracking.klt.max_features
+        density = known.density(self._qc) if agree and self._qc is not None else np.inf
         return ImageMotion(self._image_speed / pixel, known.value / pixel, density / pixel**2)
 
     def tell_estimate(self, latest: MotionEstimate | None) -> None:

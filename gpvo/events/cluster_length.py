@@ -18,6 +18,8 @@ FIRST = 0.2
 """Events per pixel that end a cluster while the image motion is unknown."""
 LEAST = 0.05
 """Events per pixel that a cluster may always have."""
+APART = 2.0
+"""Times the blur that contours may leave a constant motion from a cluster's begin to the next."""
 SURGE = 2.0
 """Times the usual number of events that ends a cluster: the motion became faster meanwhile."""
 REMEMBERED = 10
@@ -83,12 +85,14 @@ class ClusterLength:
         """Return the time from the begin of a cluster of `duration` seconds to the next one's.
 
         It is up to `config.spacing` times as long: as far as contours are easily found again, and
-        the estimator's motion prior tells what happened between two clusters.
+        both the estimator's motion prior and the latest change of the motion tell what happens
+        between two clusters.
         """
         config = self._config
         near = config.stride / max(motion.speed, 1e-9)
         known = halfway_duration(motion.density, config.uncertainty)
-        return max(duration, min(config.spacing * duration, near, known))
+        constant = sqrt(APART) * self._constant(motion)
+        return max(duration, min(config.spacing * duration, near, known, constant))
 
     def add(self, events: int) -> None:
         """Remember the number of events of a cluster, in the camera that had more.

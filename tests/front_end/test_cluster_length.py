@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from gpvo.config import ClusteringConfig
 from gpvo.events.cluster_length import (
+    APART,
     FIRST,
     LEAST,
     REMEMBERED,
@@ -65,16 +66,18 @@ def test_the_longer_of_both_times_counts(speed: float, acceleration: float) -> N
 def test_clusters_are_apart_while_the_motion_is_slow_and_expected(
     duration: float, spacing: float, motion: ImageMotion
 ) -> None:
-    """The image moves by the stride, or its deviation half-way is the uncertainty, at most."""
+    """At most, the image moves by the stride, its deviation half-way is the uncertainty, and it
+    leaves a constant motion by twice the blur."""
     config = ClusteringConfig(spacing=spacing)
     period = length((640, 480), spacing=spacing).period(duration, motion)
     assert duration <= period <= spacing * duration
     moved = motion.speed * period / config.stride
     off = np.sqrt(motion.density * period**3 / 192) / config.uncertainty
+    left = motion.acceleration * (period / 2) ** 2 / 2 / (APART * config.blur)
     if duration < period < spacing * duration:
-        assert max(moved, off) == pytest.approx(1.0)
+        assert max(moved, off, left) == pytest.approx(1.0)
     elif period == duration < spacing * duration:
-        assert max(moved, off) >= 1 - 1e-9
+        assert max(moved, off, left) >= 1 - 1e-9
 
 
 def test_clusters_follow_each_other_until_the_noise_of_the_motion_is_known() -> None:

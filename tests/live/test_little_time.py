@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_inverse
 from gpvo import Odometry, Trajectory
-from gpvo.live.load import FEWEST, WIDEST
+from gpvo.config import Configuration
+from gpvo.events.clustering import WIDEST
+from gpvo.live.load import FEWEST
 from gpvo.recordings import StereoEvents
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 
@@ -76,3 +78,14 @@ def test_after_a_break_the_motion_is_right_and_the_place_as_the_covariance_says(
     assert found == pytest.approx(moved, abs=0.03)
     deviation = np.sqrt(np.trace(trajectory.covariance(t)[1, 3:6, 3:6]))
     assert off(trajectory, t)[1] < 3 * deviation + 0.02
+
+
+@pytest.mark.parametrize(("features", "all_of_it"), [(200, False), (1000, True)])
+def test_all_events_are_taken_where_fewer_landmarks_agree_than_half(
+    features: int, all_of_it: bool
+) -> None:
+    values = {"tracking": {"klt": {"max_features": features}}}
+    odometry = Odometry(room().rig, Configuration.model_validate(values))
+    odometry.run(room())
+    assert all(report.inliers < 500 for report in odometry.reports)
+    assert all(report.between == 0 for report in odometry.reports) == all_of_it
