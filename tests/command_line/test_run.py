@@ -140,7 +140,7 @@ def test_a_full_disk_is_one_line_that_says_what_is_saved(
     assert "No space left on device); the whole trajectory is saved in" in error
     with monkeypatch.context() as patch:
         patch.setattr("gpvo.commands.run_and_write.save_trajectory", full)
-        code, _, error = gpvo(*recording.arguments(tmp_path / "out"), "--duration", "0.6")
+        code, _, error = gpvo(*recording.arguments(tmp_path / "out"))
     assert code == 4 and "poses are saved in" in error and "trajectory.tum" in error
     read_tum(tmp_path / "out" / "trajectory.tum")
 
