@@ -20,32 +20,22 @@ class WindowMotion:
     def __init__(self, build: GraphBuilder, reckoning: DeadReckoning) -> None:
         self._build, self._reckoning = build, reckoning
         self._index: dict[int, int] = {}  # in GTSAM's graph, by the number of the earlier state
-        self._place: dict[int, int] = {}  # in the update
+        self._earlier, self._place = range(0), 0  # of the latest priors, in the update
 
     def follow(self, update: GraphUpdate, window: NumberedStates, known: int) -> None:
         """Replace the priors by those between the states that stay; the first `known` have some."""
-        stay = window.numbers[0]
-        update.removed += [index for number, index in self._index.items() if number >= stay]
-        self._index.clear()
-        self._add_priors(update, window)
-        self._add_guesses(update, window.after(known - 1))
+        numbers, t = window.numbers, window.states.t
+        update.removed += [index for number, index in self._index.items() if number >= numbers[0]]
+        self._earlier, self._place = numbers[:-1], len(update.factors)
+        density = self._reckoning.densities(t, self._build.qc)
+        update.add_factors(self._build.motion(numbers, t, density))
+        update.add_factors(self._reckoning.at_rest(numbers[known - 1 :], t[known - 1 :]))
 
     def add_all_to(self, update: GraphUpdate, window: NumberedStates) -> None:
         """Add all to a new smoother."""
         self._index.clear()
-        self._add_priors(update, window)
-        self._add_guesses(update, window)
+        self.follow(update, window, 1)
 
     def updated(self, added: Sequence[int]) -> None:
         """Note the indices that GTSAM gave to the factors that were added."""
-        self._index |= {number: added[place] for number, place in self._place.items()}
-        self._place.clear()
-
-    def _add_priors(self, update: GraphUpdate, window: NumberedStates) -> None:
-        first, numbers, t = len(update.factors), window.numbers, window.states.t
-        density = self._reckoning.densities(t, self._build.qc)
-        update.add_factors(self._build.motion(numbers, t, density))
-        self._place = {number: first + k for k, number in enumerate(numbers[:-1])}
-
-    def _add_guesses(self, update: GraphUpdate, window: NumberedStates) -> None:
-        update.add_factors(self._reckoning.at_rest(window.numbers, window.states.t))
+        self._index = {number: added[self._place + k] for k, number in enumerate(self._earlier)}
