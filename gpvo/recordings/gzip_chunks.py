@@ -1,19 +1,14 @@
-"""Unpack gzip columns of HDF5 by zlib-ng, twice as fast as by HDF5's own zlib."""
+"""Unpack gzip columns of HDF5 by libdeflate, three times as fast as by HDF5's own zlib."""
 
 from __future__ import annotations
 
-from contextlib import suppress
-from importlib import import_module
 from typing import Any
 
 import cv2
+import deflate
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-
-zlib_ng: Any = None
-with suppress(ImportError):  # without it, h5py reads everything
-    zlib_ng = import_module("zlib_ng.zlib_ng")
 
 DEFLATE, SHUFFLE = h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE
 
@@ -36,7 +31,7 @@ def unpacked_rows(
     columns = () if column is None else (column,)
     size = dataset.chunks[0] if dataset.chunks else 0
     column_wise = dataset.chunks == (size, *(1 for _ in columns))
-    if zlib_ng is None or not column_wise or stop_row - first_row < size:
+    if not column_wise or stop_row - first_row < size:
         return None
     filters = _filters(dataset)
     if filters not in ([DEFLATE], [SHUFFLE, DEFLATE]):
@@ -47,7 +42,7 @@ def unpacked_rows(
     try:
         for row, chunk in zip(starts, chunks, strict=True):
             _unpack(dataset, (row, *columns), SHUFFLE in filters, chunk)
-    except (OSError, RuntimeError, ValueError, zlib_ng.error):
+    except (OSError, RuntimeError, ValueError, deflate.DeflateError):
         return None
     return chunks.reshape(-1).view(dataset.dtype)[before : before + stop_row - first_row]
 
@@ -65,7 +60,7 @@ def _unpack(
     if not 0 < size <= 2 * chunk.size + LARGEST_OVERHEAD:
         raise ValueError("the chunk was never written, or its entry in the index is damaged")
     left_out, packed = dataset.id.read_direct_chunk(offset)
-    data = np.frombuffer(zlib_ng.decompress(packed, bufsize=chunk.size), np.uint8)
+    data = np.frombuffer(deflate.zlib_decompress(packed, chunk.size), np.uint8)
     if left_out or len(data) != chunk.size:
         raise ValueError("a filter was left out, or the chunk is not whole")
     if shuffled:

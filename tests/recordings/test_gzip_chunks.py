@@ -1,4 +1,4 @@
-"""Columns unpacked by zlib-ng equal those of h5py, which reads all other packings."""
+"""Columns unpacked by libdeflate equal those of h5py, which reads all other packings."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ from io import BytesIO
 
 import h5py
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpvo.recordings.gzip_chunks import unpacked_rows
-
-pytest.importorskip("zlib_ng")
 
 
 def dataset(data: np.ndarray, **how: object) -> h5py.Dataset:

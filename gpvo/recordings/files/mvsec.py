@@ -15,6 +15,7 @@ from gpvo.errors import InputError
 from gpvo.recordings.base import SIDES, Events, Recording, StereoEvents
 from gpvo.recordings.calibration.find import Calibration, rig_for
 from gpvo.recordings.checks import columns
+from gpvo.recordings.checks.plain_columns import plain_events
 from gpvo.recordings.checks.sensor_size import check_resolution
 from gpvo.recordings.checks.time_order import DISORDER_NS, SORTED
 from gpvo.recordings.event_batches import stereo_batches
@@ -189,6 +190,9 @@ class _EventTable:
         x, y, seconds, polarity = (
             read_column(self.dataset, column, first_row, stop_row) for column in range(4)
         )
+        plain = plain_events(x, y, seconds, polarity, self.resolution, origin, latest)
+        if plain is not None:
+            return plain, float(seconds[-1])
         in_order = np.maximum.accumulate(np.append(latest, seconds))
         late = in_order[:-1] - seconds
         small = late < DISORDER
