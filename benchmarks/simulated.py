@@ -149,7 +149,9 @@ def main(
     for table in tables:
         console.print(to_rich(table))
     for text in dict.fromkeys(machine_text(cost.machine) for cost in costs):
-        console.print(f"{text}; reading included, compiling not", style="dim", highlight=False)
+        console.print(
+            f"{text}; reading included, loading kernels not", style="dim", highlight=False
+        )
     if options.output is not None:
         write(options.output, results, earlier, tables)
     return results

@@ -74,7 +74,7 @@ class Comparison:
     def notes(self) -> list[str]:
         """Return how the numbers were computed, and on which machines."""
         machines = [
-            f"Cost of {name}: {machine_text(cost.machine)}; reading included, compiling not."
+            f"Cost of {name}: {machine_text(cost.machine)}; reading included, loading kernels not."
             for name, cost in self.costs.items()
             if cost.machine
         ]

@@ -2,13 +2,34 @@
 
 from __future__ import annotations
 
+import json
+import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from subprocess import check_output as run
 
 import pytest
 from numba import njit
+from numba.core.event import trigger_event
 
-from gpvo.evaluation.report.compilation import CompilationTimer
+from gpvo.evaluation.report.compilation import COMPILING_OR_LOADING, CompilationTimer
 from gpvo.evaluation.report.run_time import CostMeter
+
+KERNELS = """
+import json
+from numba import njit
+from gpvo.evaluation.report.compilation import CompilationTimer
+
+@njit(cache=True)
+def twice(x):
+    return 2 * x
+
+said = []
+timer = CompilationTimer(lambda: said.append(1))
+twice(1.0)
+print(json.dumps(dict(said=len(said), seconds=timer.stop(), cpu_seconds=timer.cpu_seconds)))
+"""
 
 
 def fresh() -> object:
@@ -38,6 +59,25 @@ def test_compiling_is_said_once_and_its_time_is_within_the_call() -> None:
     assert timer.stop() == first
 
 
+def test_what_was_compiled_before_is_loaded_without_a_word(tmp_path: Path) -> None:
+    """In a second process; its time counts as that of compiling does."""
+    (tmp_path / "kernels.py").write_text(KERNELS)
+    said = [run([sys.executable, "kernels.py"], cwd=tmp_path) for _ in range(2)]
+    compiled, loaded = (json.loads(one) for one in said)
+    assert compiled["said"] == 1 and loaded["said"] == 0
+    assert 0 < loaded["seconds"] < compiled["seconds"]
+    assert loaded["cpu_seconds"] > 0
+
+
+def test_threads_that_wait_for_each_other_count_once() -> None:
+    timer = CompilationTimer()
+    begin = time.perf_counter()
+    with ThreadPoolExecutor(2) as threads:
+        for call in [fresh() for _ in range(4)]:
+            threads.submit(call, 1.0)  # type: ignore[arg-type]
+    assert 0 < timer.stop() <= time.perf_counter() - begin
+
+
 def test_nothing_counts_after_the_end() -> None:
     timer = CompilationTimer()
     timer.stop()
@@ -59,9 +99,8 @@ def test_processor_time_of_a_run_is_not_negative_on_a_busy_machine(
 ) -> None:
     """Compiling that waits for the processor takes more elapsed time than processor time."""
     meter, clock = CostMeter(), time.perf_counter
-    meter.compilation.on_start(None)
-    monkeypatch.setattr(time, "perf_counter", lambda: clock() + 100.0)
-    meter.compilation.on_end(None)
+    with trigger_event(COMPILING_OR_LOADING):
+        monkeypatch.setattr(time, "perf_counter", lambda: clock() + 100.0)
     cost = meter.total(recording_seconds=1.0, events=1)
     assert cost.compile_seconds > 100.0
     assert cost.cpu_seconds >= 0.0

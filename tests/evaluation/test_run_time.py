@@ -43,7 +43,7 @@ def test_factors():
         "events per second": "0.80 M",
         "CPU s per recorded s": "0.80",
         "peak memory": "1024 MiB",
-        "compiling": "none",
+        "loading kernels": "none",
         "tracking": "5.00 x, 40.0 %",
     }
 

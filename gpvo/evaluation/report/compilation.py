@@ -1,44 +1,53 @@
-"""Time that numba spends on compiling, which the first run of an installation pays once."""
+"""Time that numba spends on kernels before they run, whatever is done with them then.
+
+The first run of an installation compiles them, and every process loads them: both do not depend on
+the length of a recording.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from threading import Lock, get_ident
 
 from numba.core import event
 
-KIND = "numba:compile"
+COMPILING = "numba:compile"
+COMPILING_OR_LOADING = "numba:compiler_lock"
 
 
 class CompilationTimer(event.Listener):  # type: ignore[misc]
-    """Adds up the time in which functions are compiled, from when it is made until it is stopped.
+    """Adds up the time in which kernels are compiled or loaded, until it is stopped.
 
-    What is loaded from a cache does not count. A function compiles those that it calls: their time
-    is within its own.
+    A kernel compiles those that it calls: their time is within its own. So is that of a thread that
+    waits until another one has ended.
 
     Parameters
     ----------
     began
-        Called when the first function is compiled.
+        Called when the first kernel is compiled.
 
     Attributes
     ----------
     seconds
         Elapsed seconds so far.
     cpu_seconds
-        Processor seconds so far; on a busy machine they are fewer.
+        Processor seconds of it so far; on a busy machine they are fewer.
     """
 
     def __init__(self, began: Callable[[], None] = lambda: None) -> None:
-        self.seconds = self.cpu_seconds = 0.0
-        self._began, self._depth, self._start, self._cpu_start = began, 0, 0.0, 0.0
-        event.register(KIND, self)
+        self.seconds = self.cpu_seconds = self._start = 0.0
+        self._began, self._lock = began, Lock()
+        self._busy: dict[int, tuple[int, float]] = {}  # depth, processor time at its begin
+        for kind in (COMPILING, COMPILING_OR_LOADING):
+            event.register(kind, self)
         self._listens = True
 
     def stop(self) -> float:
         """Stop listening, if it still does; return the seconds."""
         if self._listens:
-            event.unregister(KIND, self)
+            for kind in (COMPILING, COMPILING_OR_LOADING):
+                event.unregister(kind, self)
             self._listens = False
         return self.seconds
 
@@ -49,19 +58,29 @@ class CompilationTimer(event.Listener):  # type: ignore[misc]
         self.stop()
 
     def on_start(self, event: event.Event) -> None:
-        """Take the time when the outermost function begins; numba holds its lock meanwhile."""
-        if self._depth == 0:
-            self._start, self._cpu_start = time.perf_counter(), time.process_time()
+        """Take the time when the outermost kernel of the first thread begins."""
+        if event.kind == COMPILING:
             self._began()
             self._began = _nothing
-        self._depth += 1
+            return
+        with self._lock:
+            if not self._busy:
+                self._start = time.perf_counter()
+            depth, begin = self._busy.get(get_ident(), (0, time.thread_time()))
+            self._busy[get_ident()] = depth + 1, begin
 
     def on_end(self, event: event.Event) -> None:
-        """Add the time when the outermost function ends."""
-        self._depth -= 1
-        if self._depth == 0:
-            self.seconds += time.perf_counter() - self._start
-            self.cpu_seconds += time.process_time() - self._cpu_start
+        """Add the time when the outermost kernel of the last thread ends."""
+        if event.kind == COMPILING:
+            return
+        with self._lock:
+            depth, begin = self._busy.pop(get_ident(), (0, 0.0))
+            if depth > 1:
+                self._busy[get_ident()] = depth - 1, begin
+            elif depth == 1:
+                self.cpu_seconds += time.thread_time() - begin
+            if depth == 1 and not self._busy:
+                self.seconds += time.perf_counter() - self._start
 
 
 def _nothing() -> None:

@@ -30,16 +30,19 @@ class Cost:
     recording_seconds, events
         Duration and events of both cameras that were processed.
     wall_seconds, cpu_seconds
-        Elapsed time, and processor time of all threads, both without compiling.
+        Elapsed time, and processor time of all threads, both without compiling or
+        loading kernels.
     peak_memory_bytes
         Largest resident memory of the process since it started.
     stages
         Elapsed seconds by stage, with compiling. A cluster is tracked while the one before is
-        estimated, so that they may add up to more than the whole.
+        estimated, so that they may add up to more than the whole; new landmarks are found beside
+        both, which is in no stage.
     machine
         Description of the machine, see `machine`; empty if unknown, or for several machines.
     compile_seconds
-        Elapsed time spent on compiling, which the first run of an installation pays once.
+        Elapsed time in which kernels were compiled, which the first run of an installation does, or
+        loaded, as every process does.
     """
 
     recording_seconds: float
@@ -164,7 +167,13 @@ def cost_table(costs: Mapping[str, Cost], sequence: str = "") -> ResultTable:
     time.
     """
     stages = dict.fromkeys(stage for cost in costs.values() for stage in cost.stages)
-    labels = ["speed", "events per second", "CPU s per recorded s", "peak memory", "compiling"]
+    labels = [
+        "speed",
+        "events per second",
+        "CPU s per recorded s",
+        "peak memory",
+        "loading kernels",
+    ]
     columns = [[*_totals(cost), *_stages(cost, stages)] for cost in costs.values()]
     every = [*labels, *stages]
     rows = [tuple(map(Cell, entries)) for entries in zip(every, *columns, strict=True)]
@@ -178,7 +187,7 @@ def _totals(cost: Cost) -> list[str]:
         f"{1e-6 * cost.events_per_second:.2f} M",
         f"{cost.cpu_seconds / cost.recording_seconds:.2f}",
         f"{cost.peak_memory_bytes / 2**20:.0f} MiB",
-        f"{cost.compile_seconds:.0f} s, not counted" if cost.compile_seconds else "none",
+        f"{cost.compile_seconds:.1f} s, not counted" if cost.compile_seconds else "none",
     ]
 
 
