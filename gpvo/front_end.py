@@ -105,7 +105,6 @@ class FrontEnd:
             MultiResolutionTracker(full.tracking, self.camera) if tracker is None else tracker
         )
         self._tracklets = Tracklets(full.tracklets)
-        self._found, self._found_out_of_bounds = Observations.none(), 0
         self._tracked_pixel = full.tracking.pixel
         self._acceleration = ImageAcceleration(self.camera)
         self._image_speed: float | None = None
@@ -133,16 +132,11 @@ class FrontEnd:
         return max(1, round(self._config.span / apart))
 
     def process(self, cluster: StereoCluster) -> TrackedCluster:
-        """Track landmarks into the next cluster, in order of time, and reject outliers.
-
-        `extend` is to be called before the next one.
-        """
+        """Track landmarks into the next cluster, in order of time, and reject outliers."""
         with self._stage("tracking"):
-            followed = self._track(cluster)
-        observations = Observations.concatenate([self._found, followed])
+            observations = self._tracker.track(cluster)
         with self._stage("tracklets"):
-            self._tracklets.add(cluster, followed)
-            out_of_bounds = self._found_out_of_bounds + self._tracklets.out_of_bounds
+            self._tracklets.add(cluster, observations)
             earlier, later = self._tracklets.pairs(self._span)
             too_short = self._tracklets.too_short()
         with self._stage("outlier rejection"):
@@ -160,7 +154,7 @@ class FrontEnd:
         return TrackedCluster(
             observations,
             self._tracking_report(),
-            out_of_bounds,
+            self._tracklets.out_of_bounds,
             too_short,
             earlier,
             later,
@@ -168,23 +162,6 @@ class FrontEnd:
             inliers,
             measurements,
         )
-
-    def extend(self) -> Observations:
-        """Find new landmarks in the cluster, which tell nothing of its motion; return them."""
-        if isinstance(self._tracker, MultiResolutionTracker):
-            with self._stage("tracking"):
-                self._found = self._tracker.extend()
-            with self._stage("tracklets"):
-                self._tracklets.extend(self._found)
-                self._found_out_of_bounds = self._tracklets.out_of_bounds
-        return self._found
-
-    def _track(self, cluster: StereoCluster) -> Observations:
-        """Return the observations that tell of the motion; all of a tracker of a user's own."""
-        tracker = self._tracker
-        if isinstance(tracker, MultiResolutionTracker):
-            return tracker.follow(cluster)
-        return tracker.track(cluster)
 
     def _tracked_motion(self) -> ImageMotion | None:
         """Return the motion of the features in tracked pixels; None while few are known.

@@ -75,12 +75,11 @@ class Odometry:
         recording: Recording,
         start: float = 0.0,
         duration: float = np.inf,
-        progress: Callable[[ClusterReport], None] | None = None,
         ended: Callable[[], bool] = lambda: False,
     ) -> Trajectory:
         """Process a recording from `start` for `duration` seconds.
 
-        `progress` is called after every cluster. Once `ended` returns True, no more is read.
+        Once `ended` returns True, no more is read.
 
         Raises
         ------
@@ -88,9 +87,8 @@ class Odometry:
             If the events are faulty, or no landmark could be tracked in any cluster.
         """
         batches = recording.event_batches(start, start + duration)
-        for report in self.reports_of(takewhile(lambda _: not ended(), batches)):
-            if progress is not None:
-                progress(report)
+        for _ in self.reports_of(takewhile(lambda _: not ended(), batches)):
+            pass
         trajectory = self.trajectory(recording.start_ns)
         if trajectory is None:
             raise InputError(f"{recording.path}: no landmark could be tracked: {self._why_lost()}")
@@ -145,7 +143,7 @@ class Odometry:
         self._estimates.settle()
 
     def _reports(self, clusters: Iterator[StereoCluster]) -> Iterator[ClusterReport]:
-        """Process clusters: new landmarks are found, and the next cluster tracked, beside this."""
+        """Process clusters; the next one is tracked while the motion during one is estimated."""
         with one_blas_thread(), quick_switches():
             for cluster in self._staged("events and clustering", clusters):
                 tracked = self._front_end.process(cluster)
@@ -155,7 +153,6 @@ class Odometry:
                 self._front_end.tell_estimate(self._latest)
                 batches = self._take_unwatched()
                 self._estimates.start(self._estimate, cluster, tracked, report, batches)
-                self._front_end.extend()
 
     def _clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
         """Cut a whole stream into clusters; events are read and filtered beside this."""

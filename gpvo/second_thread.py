@@ -48,19 +48,38 @@ FEW = 64
 """Number of items whose work takes less time than to hand half of it to another thread."""
 
 
-def both(first: Callable[[], T], second: Callable[[], T]) -> tuple[T, T]:
-    """Make two calls that do not depend on each other at once, the second in another thread.
+class Begun(Generic[T]):
+    """A call that is made beside the caller, by a thread that all such calls share.
 
-    It is for calls that spend their time outside the interpreter, as kernels do. Where no core is
-    free for the second, this thread makes it after the first.
+    Where that is busy until the result is asked for, who asks makes the call.
     """
-    other = _helper.submit(second)
+
+    def __init__(self, call: Callable[[], T]) -> None:
+        self._call, self._beside = call, _helper.submit(call)
+
+    def result(self) -> T:
+        """Return what the call returns, as soon as it does; what it raises is raised here."""
+        if self._beside.cancel():
+            self._beside = Future()
+            self._beside.set_result(self._call())
+        return self._beside.result()
+
+    def give_up(self) -> None:
+        """Wait until the call has ended, unless it was not begun."""
+        if not self._beside.cancel():
+            wait([self._beside])
+
+
+def both(first: Callable[[], T], second: Callable[[], T]) -> tuple[T, T]:
+    """Make two calls that do not depend on each other at once, the second beside this thread.
+
+    It is for calls that spend their time outside the interpreter, as kernels do.
+    """
+    other = Begun(second)
     try:
-        one = first()
-        return one, second() if other.cancel() else other.result()
+        return first(), other.result()
     finally:
-        if not other.cancel():
-            wait([other])
+        other.give_up()
 
 
 def in_halves(work: Callable[[slice], object], count: int) -> None:

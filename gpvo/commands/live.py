@@ -111,13 +111,12 @@ def _shown(
 ) -> Iterator[Callable[[ClusterReport], None]]:
     """Show every cluster and append to the trajectory's file; end after `duration` seconds."""
     live = session.live
-    final_states = live.odometry.estimator.final_states
-    file = live_file(folder / "trajectory.tum", final_states, lambda: live.start_ns or 0)
+    file = live_file(folder / "trajectory.tum", lambda: live.start_ns or 0)
     with live_progress(console, session) as show, file as append_final:
+        live.watch(append_final)
 
         def advance(report: ClusterReport) -> None:
             show(report)
-            append_final()
             if report.stop - live.reports[0].start >= duration:
                 session.end()
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from gpvo.errors import InputError
-from gpvo.trajectory import StampedPoses, States
+from gpvo.observer import Observer, Step
+from gpvo.trajectory import StampedPoses
 from gpvo.trajectory.tum import tum_lines
 
 log = logging.getLogger("gpvo.run")
@@ -20,18 +21,14 @@ UNFINISHED = "unfinished: the poses that were final when gpvo run last wrote, or
 
 
 @contextmanager
-def live_file(
-    path: Path, final_states: Callable[[float], States], start_ns: Callable[[], int]
-) -> Iterator[Callable[[], None]]:
-    """Write a TUM file; each call appends, in whole lines, the poses that have become final.
+def live_file(path: Path, start_ns: Callable[[], int]) -> Iterator[Observer]:
+    """Write a TUM file; its observer appends, in whole lines, the poses that have become final.
 
     If the recording turns out to be faulty, the file is removed, so that it is not mistaken for a
     result. If the disk is full, the file grows no more, and the work goes on.
 
     Parameters
     ----------
-    final_states
-        Function that returns the final states after a time, seconds.
     start_ns
         Function that returns the absolute stamp of t = 0, nanoseconds, once there are states.
     """
@@ -41,9 +38,9 @@ def live_file(
         with path.open("wb", buffering=0) as file:
             file.write(f"# {UNFINISHED}\n".encode("ascii"))
 
-            def append_final() -> None:
+            def append_final(step: Step) -> None:
                 nonlocal last, grows
-                final = final_states(last)
+                final = step.estimator.final_states(last)
                 if len(final) and grows:
                     stamps_ns = start_ns() + np.rint(final.t * 1e9).astype(np.int64)
                     lines = tum_lines(StampedPoses(stamps_ns, final.T_world_cam))

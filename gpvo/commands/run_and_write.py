@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,6 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from gpvo.cluster_report import ClusterReport
 from gpvo.commands.interruption import Interruption, end_at_ctrl_c
 from gpvo.commands.live_trajectory import live_file
 from gpvo.commands.progress import run_progress
@@ -73,13 +72,13 @@ def run_and_write(
     ):
         with (
             watch.observer(meter.stages, truth, recording.start_ns) as observer,
+            live_file(folder / "trajectory.tum", lambda: recording.start_ns) as append_final,
             run_progress(console, start, stop) as show,
         ):
             seen = Seen()
-            looks = observers(seen, observer)
-            odometry = Odometry(recording.rig, configuration, meter.stage, observer=looks)
-            span = start, duration
-            trajectory = _estimate(odometry, recording, folder, span, show, interruption)
+            watcher = observers(seen, observer, append_final, lambda step: show(step.report))
+            odometry = Odometry(recording.rig, configuration, meter.stage, watcher=watcher)
+            trajectory = odometry.run(recording, start, duration, lambda: interruption.happened)
         read = recording.faults.to_dict()
         judged = write_results(
             folder, odometry, trajectory, truth, meter, seen, console, plots, read
@@ -104,26 +103,6 @@ def _ends_without_results(interruption: Interruption) -> Iterator[None]:
             print("gpvo: interrupted; nothing was saved", file=sys.stderr)
             raise typer.Exit(interruption.status) from None
         raise
-
-
-def _estimate(
-    odometry: Odometry,
-    recording: Recording,
-    folder: Path,
-    span: tuple[float, float],
-    show: Callable[[ClusterReport], None],
-    interruption: Interruption,
-) -> Trajectory:
-    """Run the odometry while the file of the trajectory grows, until it is to end."""
-    final_states = odometry.estimator.final_states
-    file = live_file(folder / "trajectory.tum", final_states, lambda: recording.start_ns)
-    with file as append_final:
-
-        def advance(report: ClusterReport) -> None:
-            show(report)
-            append_final()
-
-        return odometry.run(recording, *span, advance, lambda: interruption.happened)
 
 
 def write_results(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from factors import StereoCamera
 from gpvo.config import TrackingConfig
 from gpvo.events import StereoCluster
+from gpvo.second_thread import Begun
 from gpvo.tracking.ego_motion import EgoMotion, camera_of_pixels
 from gpvo.tracking.features import half_resolution
 from gpvo.tracking.klt import KltTracker
@@ -40,19 +41,6 @@ class Tracker(Protocol):
         ...
 
 
-class ImageTracker(Protocol):
-    """Tracker that follows features through pairs of stereo images, given in order of time.
-
-    `report` is that of the latest pair.
-    """
-
-    report: TrackingReport
-
-    def track(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Observations:
-        """Return the observations that a new pair of images adds."""
-        ...
-
-
 class MultiResolutionTracker:
     """The configured image tracker at one or more resolutions, run independently.
 
@@ -67,24 +55,9 @@ class MultiResolutionTracker:
         ]
 
     def track(self, cluster: StereoCluster) -> Observations:
-        """Return the observations that a new cluster adds."""
-        return Observations.concatenate([self.follow(cluster), self.extend()])
-
-    def follow(self, cluster: StereoCluster) -> Observations:
-        """Return those of the observations that tell of the motion now.
-
-        The others are returned by `extend`, to be called before the next cluster.
-        """
+        """Return the observations that a new cluster adds, in it or in earlier clusters."""
         self.motion.advance(0.5 * (cluster.start + cluster.stop))
-        return self._of_all([tracker.follow(cluster, self.motion) for tracker in self._trackers])
-
-    def extend(self) -> Observations:
-        """Return the observations of landmarks that are new in the cluster."""
-        return self._of_all([tracker.extend() for tracker in self._trackers])
-
-    @staticmethod
-    def _of_all(parts: list[Observations]) -> Observations:
-        """Join the observations of all resolutions."""
+        parts = [tracker.track(cluster, self.motion) for tracker in self._trackers]
         return Observations.concatenate(
             replace(found, landmark=found.landmark * len(parts) + index)
             for index, found in enumerate(parts)
@@ -102,11 +75,15 @@ class MultiResolutionTracker:
 
 
 class _ResolutionTracker:
-    """Image tracker at one resolution; its pixels are `side` full pixels wide."""
+    """Image tracker at one resolution; its pixels are `side` full pixels wide.
+
+    New landmarks of a cluster tell nothing of the motion before they are followed into the next
+    one: they are found meanwhile, and returned with those.
+    """
 
     def __init__(self, config: TrackingConfig, side: int, camera: StereoCamera | None) -> None:
         self._side, self._image = side, config.image
-        self._tracker: ImageTracker
+        self._tracker: KltTracker | Viso2Tracker
         if config.tracker == "klt":
             self._tracker = KltTracker(config, camera and camera_of_pixels(camera, side))
         else:
@@ -114,16 +91,17 @@ class _ResolutionTracker:
         self._compensation = MotionCompensation(
             config.compensation, config.earlier_frames + 1, side
         )
+        self._new = Begun(Observations.none)
 
-    def follow(self, cluster: StereoCluster, motion: EgoMotion) -> Observations:
-        """Return the observations that tell of the motion now, full-resolution pixels."""
-        return self._measured(self._followed(self._images(cluster), motion))
-
-    def extend(self) -> Observations:
-        """Return the other observations of the cluster, full-resolution pixels."""
-        tracker = self._tracker
-        found = tracker.extend() if isinstance(tracker, KltTracker) else Observations.none()
-        return self._measured(found)
+    def track(self, cluster: StereoCluster, motion: EgoMotion) -> Observations:
+        """Return the observations that a cluster adds, full-resolution pixels."""
+        images, tracker = self._images(cluster), self._tracker
+        if not isinstance(tracker, KltTracker):
+            return self._measured(tracker.track(*images))
+        found = self._measured(self._new.result())
+        followed = self._measured(_follow(tracker, images, motion))
+        self._new = Begun(tracker.extend)
+        return Observations.concatenate([found, followed])
 
     def _measured(self, seen: Observations) -> Observations:
         """Return observations at their own times, in full-resolution pixels."""
@@ -135,19 +113,10 @@ class _ResolutionTracker:
             right=to_full_resolution(seen.right, self._side),
         )
 
-    def _followed(self, images: StereoImage, motion: EgoMotion) -> Observations:
-        """Follow features to a pose, which may be found anew."""
-        if not isinstance(self._tracker, KltTracker):
-            return self._tracker.track(*images)
-        self._tracker.T_start_cam = motion.T_start_cam
-        seen = self._tracker.follow(*images)
-        if self._tracker.T_start_cam is not motion.T_start_cam:
-            motion.relocate(self._tracker.T_start_cam)
-        return seen
-
     def limit_features(self, share: float) -> None:
         """Look for a share of the configured features."""
         if isinstance(self._tracker, KltTracker):
+            self._new.result()
             self._tracker.limit_features(share)
 
     @property
@@ -165,6 +134,15 @@ class _ResolutionTracker:
             for side in (cluster.left, cluster.right)
         )
         return (left, right) if self._side == 1 else (half_resolution(left), half_resolution(right))
+
+
+def _follow(tracker: KltTracker, images: StereoImage, motion: EgoMotion) -> Observations:
+    """Follow features to a pose, which may be found anew."""
+    tracker.T_start_cam = motion.T_start_cam
+    seen = tracker.follow(*images)
+    if tracker.T_start_cam is not motion.T_start_cam:
+        motion.relocate(tracker.T_start_cam)
+    return seen
 
 
 def to_full_resolution(points: NDArray[np.float64], side: int) -> NDArray[np.float64]:

@@ -27,7 +27,7 @@ LEAST_LANDMARKS = 8
 class Tracklets:
     """Measurements of the latest clusters that passed the filters of single measurements.
 
-    `out_of_bounds` is the number of those added last in the newest cluster that did not pass.
+    `out_of_bounds` is the number of those added last that did not pass.
     """
 
     def __init__(self, config: TrackletConfig) -> None:
@@ -50,20 +50,16 @@ class Tracklets:
             self._taken[:] = True  # what is given after the break begins after it
         self._clusters.append((self._cluster_count, cluster))
         self._cluster_count += 1
-        self.extend(observations)
-
-    def extend(self, observations: Observations) -> None:
-        """Add more observations of the newest cluster, or of earlier ones."""
         newest = self._cluster_count - 1
-        seen = observations.frame == newest
         latest = self._shown[-1] if self._shown else -1
         self._shown.extend(np.unique(observations.frame[observations.frame > latest]).tolist())
-        if seen.any():
+        if newest in observations.frame:
             self._keep(self._measurements.frame >= self._shown[0])
         frames = {newest, *observations.frame.tolist()}
         shown = [(number, shown) for number, shown in self._clusters if number in frames]
         new = [self._measure(*one, observations) for one in shown]
-        self.out_of_bounds = int(seen.sum()) - len(new[-1])
+        numbers = [number for number, _ in shown]
+        self.out_of_bounds = int(np.isin(observations.frame, numbers).sum()) - sum(map(len, new))
         self._measurements = Measurements.concatenate([self._measurements, *new])
         self._passed = None
         self._taken = np.append(self._taken, np.zeros(sum(map(len, new)), bool))

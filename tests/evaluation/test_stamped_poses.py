@@ -1,5 +1,7 @@
 """Stamped poses: construction, interpolation and the TUM format."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -100,9 +102,11 @@ def test_appended_lines_equal_the_written_file(random_walk, tmp_path):
     write_tum(tmp_path / "whole.tum", poses)
     states = States(poses.seconds, poses.T_world_cam, np.zeros((len(poses), 6)))
     start_ns, path = int(poses.stamps_ns[0]), tmp_path / "appended.tum"
-    with live_file(path, lambda last: states.after(last)[:3], lambda: start_ns) as append_final:
+    step = Mock()
+    step.estimator.final_states = lambda last: states.after(last)[:3]
+    with live_file(path, lambda: start_ns) as append_final:
         for _ in range(0, len(poses) + 3, 3):
-            append_final()
+            append_final(step)
             on_disk = path.read_bytes()
             assert on_disk.endswith(b"\n")
     heading = f"# {UNFINISHED}\n".encode()

@@ -12,6 +12,8 @@ from shown_events import of_surface
 from factors.lie import se3_exp
 from factors.stereo import StereoCamera
 from gpvo.events import StereoCluster
+from gpvo.tracking import Observations
+from gpvo.tracking.klt import KltTracker
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -20,6 +22,11 @@ HEIGHT, WIDTH = 180, 240
 FRAME = 0.1
 """Seconds between frames."""
 CAMERA = StereoCamera(200.0, 200.0, 120.0, 90.0, 0.1)
+
+
+def track(tracker: KltTracker, left: Image, right: Image) -> Observations:
+    """Return the landmarks that are followed into a pair of images, and those new there."""
+    return Observations.concatenate([tracker.follow(left, right), tracker.extend()])
 
 
 class Texture:

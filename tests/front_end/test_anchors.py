@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from front_end_scenes import track
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -100,7 +101,7 @@ def drift_of_tracks(anchor_correlation: float) -> float:
         ]
         noisy = (np.clip(side + rng.normal(0, 30, SHAPE), 0, 255) for side in stereo)
         tracker.T_start_cam = se3_exp([0, 0, np.deg2rad(number), 0, 0, 0])
-        seen = tracker.track(*(side.astype(np.uint8) for side in noisy))
+        seen = track(tracker, *(side.astype(np.uint8) for side in noisy))
         if number == 0:
             first = seen
     _, i, j = np.intersect1d(first.landmark, seen.landmark, return_indices=True)

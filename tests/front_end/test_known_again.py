@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from front_end_scenes import track
 from numpy.typing import NDArray
 
 from factors import StereoCamera
@@ -42,7 +43,7 @@ def tracked(
         tracker.T_start_cam = np.eye(4)
         tracker.T_start_cam[0, 3] = METRES * (column + drifted * later)
         left, right = (image[:, start : start + WIDTH] for start in (column, column + DISPARITY))
-        seen.append(tracker.track(np.ascontiguousarray(left), np.ascontiguousarray(right)))
+        seen.append(track(tracker, np.ascontiguousarray(left), np.ascontiguousarray(right)))
     return seen
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from front_end_scenes import track
 from numpy.typing import NDArray
 
 from factors import StereoCamera
@@ -59,11 +60,11 @@ def track_over_a_gap(motion: Array, after: int = 5) -> tuple[KltTracker, Sights,
     baseline = se3_exp([0, 0, 0, CAMERA.baseline, 0, 0])
     for T in BEFORE:
         tracker.T_start_cam = T
-        before = tracker.track(seen(plane(5), T), seen(plane(5), T @ baseline))
+        before = track(tracker, seen(plane(5), T), seen(plane(5), T @ baseline))
     for _ in range(3):
-        assert len(tracker.track(blank, blank)) == 0
+        assert len(track(tracker, blank, blank)) == 0
     T = BEFORE[-1] @ se3_exp(motion)
-    now = tracker.track(seen(plane(after), T), seen(plane(after), T @ baseline))
+    now = track(tracker, seen(plane(after), T), seen(plane(after), T @ baseline))
     _, i, j = np.intersect1d(before.landmark, now.landmark, return_indices=True)
     there = predict(CAMERA, T, Sights.of_frame(before.left, before.right, BEFORE[-1]))
     return tracker, there, np.linalg.norm(there[i, :2] - now.left[j], axis=1)

@@ -7,7 +7,7 @@ from threading import Event, get_ident
 
 import pytest
 
-from gpvo.second_thread import SecondThread, both
+from gpvo.second_thread import Begun, SecondThread, both
 
 
 def test_each_result_is_given_once_and_what_a_call_raises_where_it_is_asked_for() -> None:
@@ -47,6 +47,24 @@ def test_the_second_is_made_here_while_the_other_thread_is_busy() -> None:
         return thread
 
     assert both(lambda: began.wait(60) and busy(), lambda: began.set() or goes_on.wait(60))[1]
+
+
+def test_what_was_begun_is_made_once_by_whom_it_may() -> None:
+    """By who asks where the thread is busy, and what it raises is raised each time."""
+    made, goes_on = list[int](), Event()
+    busy = Begun(lambda: goes_on.wait(60))
+    waiting, failing = Begun(lambda: made.append(get_ident())), Begun(lambda: 1 // 0)
+    for _ in range(2):
+        assert waiting.result() is None
+    assert made == [get_ident()]
+    for _ in range(2):
+        with pytest.raises(ZeroDivisionError):
+            failing.result()
+    goes_on.set()
+    assert busy.result()
+    began = Event()
+    beside = Begun(lambda: began.set() or get_ident())
+    assert began.wait(60) and beside.result() != get_ident()
 
 
 def test_an_error_of_the_first_leaves_nothing_running() -> None:

@@ -22,7 +22,7 @@ from gpvo.events import StereoCluster
 from gpvo.front_end import FrontEnd, TrackedCluster
 from gpvo.mc_ransac import Segments, fast_mc_ransac, segments_between
 from gpvo.recordings import Recording
-from gpvo.tracking import Measurements, Observations
+from gpvo.tracking import Measurements
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -101,8 +101,8 @@ class InspectedCluster:
     start, stop
         Seconds since the recording's start.
     events, features, quads
-        Numbers of events of both cameras, of stereo features, and of features that are matched with
-        an earlier frame.
+        Numbers of events of both cameras, of features of the cluster before, and of those of them
+        that are matched around the quad.
     tracklets
         Tracklets that pass the filters.
     true_twist, fast_twist, iterative_twist
@@ -161,22 +161,18 @@ class _Inspector:
         config = self.front_end.configuration.estimator
         self._estimator = make_estimator(self.front_end.camera, self.front_end.noise, config)
         self._measurements = GatheredMeasurements(self._estimator, config.interval)
-        self._known = np.empty(0, np.int64)
-        self._frame = 0
 
     def process(self, cluster: StereoCluster) -> InspectedCluster:
         rng = deepcopy(self.front_end.rng)
         tracked = self.front_end.process(cluster)
-        others = self.front_end.extend()
         earlier, later, estimate = tracked.earlier, tracked.later, tracked.velocity_estimate
         self._estimate(cluster, tracked)
-        features, quads = self._count(Observations.concatenate([tracked.observations, others]))
         return InspectedCluster(
             cluster.start,
             cluster.stop,
             cluster.left.event_count + cluster.right.event_count,
-            features,
-            quads,
+            tracked.tracking.known if tracked.tracking else 0,
+            tracked.tracking.closed if tracked.tracking else 0,
             judge(earlier, later, tracked.inliers, self._truth, self.front_end.camera),
             self._true_twist(earlier, later),
             self._fast_twist(segments_between(earlier, later), rng),
@@ -195,16 +191,6 @@ class _Inspector:
         if len(segments) < self._config.sample_size:
             return np.full(6, np.nan)
         return fast_mc_ransac(segments, self.front_end.camera, self._config, rng)
-
-    def _count(self, observations: Observations) -> tuple[int, int]:
-        """Count landmarks in the newest frame, and those of them that other frames have too."""
-        newest = observations.frame == self._frame
-        here = observations.landmark[newest]
-        elsewhere = np.concatenate([self._known, observations.landmark[~newest]])
-        quads = int(np.isin(here, elsewhere).sum())
-        self._known = np.union1d(self._known, here)
-        self._frame += 1
-        return len(here), quads
 
     def _true_twist(self, earlier: Measurements, later: Measurements) -> Array:
         if len(later) == 0:

@@ -43,7 +43,7 @@ def _cluster_numbers(clusters: Sequence[InspectedCluster]) -> Numbers:
         "clusters": len(clusters),
         "seconds_median": _median([c.stop - c.start for c in clusters]),
         "events_median": _median([c.events for c in clusters]),
-        "features_median": _median([c.features for c in clusters]),
+        "features_median": _median([c.features for c in clusters[1:]]),
         "quads_median": _median([c.quads for c in clusters[1:]]),
     }
 

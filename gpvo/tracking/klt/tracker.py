@@ -11,8 +11,6 @@ Landmarks that were lost are searched by their anchors, too.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,12 +70,8 @@ class KltTracker:
         self._relocations = 0
         self._frame_count = 0
         self._landmark_count = 0
-        self.report = TrackingReport(0, 0, 0, 0)
+        self._new, self.report = (0, 0), TrackingReport(0, 0, 0, 0)
         self._most, self.T_start_cam = self._config.max_features, np.eye(4)
-
-    def track(self, left: Image, right: Image) -> Observations:
-        """Follow the known landmarks into a new stereo frame and find others there."""
-        return Observations.concatenate([self.follow(left, right), self.extend()])
 
     def follow(self, left: Image, right: Image) -> Observations:
         """Follow the known landmarks into a new stereo frame, also those that were lost before."""
@@ -90,7 +84,7 @@ class KltTracker:
             followed = self._relocated(followed)
         seen = self._with_found_again(followed)
         self._lost.follow(self._previous or seen, seen, first_new)
-        self.report = replace(self.report, known=known, closed=len(followed.left))
+        self.report = TrackingReport(*self._new, known, len(followed.left))
         self._previous, self.T_start_cam = seen, seen.T_start_cam
         self._frame_count += 1
         return self._observations(seen, NO_VARIANCES)
@@ -102,7 +96,7 @@ class KltTracker:
             return Observations.none()
         features = self._detect(seen)
         new = self._in_stereo(features, seen)
-        self.report = replace(self.report, features=len(features), stereo=len(new.left))
+        self._new = len(features), len(new.left)
         self._previous = seen.joined(new)
         return self._observations(new, self._variances)
 
