@@ -105,11 +105,13 @@ class Result:
         background, hot = np.sum([report.left_out for report in reports], axis=0).tolist()
         between = sum(report.between for report in reports)
         all_events = sum(report.events for report in reports) + between + background + hot
+        thinned = sum(report.tracking.thinned for report in reports if report.tracking)
         noise_rates = [report.noise_rate for report in reports]
         flashes = [report.flash for report in reports if report.flash > 0]
         rests = [d for d, report in zip(durations, reports, strict=True) if report.at_rest]
         return {
             "between_clusters_left_out_percent": 100 * between / max(all_events, 1),
+            "thinned_percent": 100 * thinned / max(all_events, 1),
             "background_left_out_percent": 100 * background / max(all_events, 1),
             "hot_pixels_left_out_percent": 100 * hot / max(all_events, 1),
             "background_activity": float(np.average(noise_rates, weights=durations)),
@@ -132,6 +134,8 @@ class Result:
             rows["between clusters"] = (
                 f"{run['between_clusters_left_out_percent']:.0f} % of the events left out"
             )
+        if run["thinned_percent"] > 0:
+            rows["dense clusters"] = f"{run['thinned_percent']:.0f} % of the events left out"
         if run["background_left_out_percent"] + run["hot_pixels_left_out_percent"] > 0:
             rows["noise left out"] = (
                 f"{run['background_left_out_percent']:.1f} % background activity"

@@ -253,6 +253,12 @@ class CompensationConfig(StageConfig):
         "pixels: half of the contrast threshold over the gradient of the logarithmic brightness. "
         "Observations are moved ahead by it; 0 leaves them.",
     )
+    density: float | None = Field(
+        default=0.25,
+        gt=0,
+        description="Events per pixel of a picture that are enough: where there are twice as "
+        "many, one of several is drawn; null draws all.",
+    )
 
 
 class TrackingConfig(StageConfig):

@@ -61,6 +61,8 @@ class CompensatedImage:
     sums
         (height, width, 2) number of events of each pixel, and sum of their times after the
         reference time, seconds. Each event is shared among the four pixels around it.
+    thinned
+        Number of the cluster's events that were left out because there are enough.
     picture
         (height, width) 255 (1 - exp(-events per pixel of the sensor)), as bright at half the
         resolution as at the full one.
@@ -70,19 +72,31 @@ class CompensatedImage:
     flow: Flow
     sums: Sums
     picture: NDArray[np.uint8]
+    thinned: int = 0
 
     @staticmethod
     def of_events(
-        image: ClusterEvents, flow: Flow, reference: float, side: int = 1
+        image: ClusterEvents,
+        flow: Flow,
+        reference: float,
+        side: int = 1,
+        density: float | None = None,
     ) -> CompensatedImage:
-        """Move events along the image motion to a time (seconds), in pixels `side` as wide."""
+        """Move events along the image motion to a time (seconds), in pixels `side` as wide.
+
+        Of more than `density` events per pixel one of several is taken, evenly, as if it were all
+        of them. None takes all.
+        """
         width, height = image.resolution
         sums = np.zeros((height // side, width // side, 2), np.float32)
-        events, fine = image.events, fine_flow(flow)
+        enough = np.inf if density is None else density * sums[..., 0].size
+        every = max(1, int(image.event_count / enough))
+        events, fine = image.events.one_of(every), fine_flow(flow)
         add_events(events.x, events.y, events.t, image.table, side, reference, fine, sums)
-        absent = np.exp(np.float32(-1 / side**2) * sums[..., 0])
+        absent = np.float32(-every / side**2) * sums[..., 0]
+        np.exp(absent, out=absent)
         picture = np.asarray(cv2.convertScaleAbs(absent, alpha=-255, beta=255), np.uint8)
-        return CompensatedImage(reference, flow, sums, picture)
+        return CompensatedImage(reference, flow, sums, picture, image.event_count - len(events))
 
     def held(self, reference: float) -> CompensatedImage:
         """Return the same image at a later time, when nothing has moved."""
@@ -114,7 +128,8 @@ class MotionCompensation:
 
     `frames` is the number of latest clusters to which observations may belong. Pixels of the
     pictures are `side` pixels of the events wide; all positions are pixels of the pictures.
-    `at_rest` says whether nothing moved in the latest cluster.
+    `at_rest` says whether nothing moved in the latest cluster, and `thinned` how many events of
+    both cameras are left out of its pictures.
     """
 
     def __init__(self, config: CompensationConfig, frames: int, side: int = 1) -> None:
@@ -122,7 +137,7 @@ class MotionCompensation:
         self._images: deque[tuple[CompensatedImage, CompensatedImage]] = deque(maxlen=frames)
         self._frame_count = 0
         self._stop, self._pause = -np.inf, 0.0
-        self.at_rest = False
+        self.at_rest, self.thinned = False, 0
         self._moving: tuple[CompensatedImage, ...] = ()
         self._recent: Observations | None = None
         self._waiting: Observations | None = None
@@ -142,16 +157,20 @@ class MotionCompensation:
         elif self.at_rest:
             left, right = (self._blank(side, middle) for side in (cluster.left, cluster.right))
         else:
-            left_flow, right_flow = self._flows
             left, right = both(
-                lambda: CompensatedImage.of_events(cluster.left, left_flow, middle, self._side),
-                lambda: CompensatedImage.of_events(cluster.right, right_flow, middle, self._side),
+                partial(self._compensated, cluster.left, self._flows[0], middle),
+                partial(self._compensated, cluster.right, self._flows[1], middle),
             )
             if not self._still:
                 self._moving = left, right
+        self.thinned = left.thinned + right.thinned
         self._images.append((left, right))
         self._frame_count += 1
         return left.picture, right.picture
+
+    def _compensated(self, events: ClusterEvents, flow: Flow, middle: float) -> CompensatedImage:
+        density = self._config.density
+        return CompensatedImage.of_events(events, flow, middle, self._side, density)
 
     def _blank(self, events: ClusterEvents, middle: float) -> CompensatedImage:
         """Make the image of a camera at rest that saw nothing move before."""

@@ -21,6 +21,8 @@ class TrackingReport:
         Those of them that were followed around the quad.
     at_rest
         Nothing moved: the pictures are those of the cluster before.
+    thinned
+        Events that the pictures leave out because there are enough; both cameras.
     """
 
     features: int
@@ -28,6 +30,7 @@ class TrackingReport:
     known: int
     closed: int
     at_rest: bool = False
+    thinned: int = 0
 
     def __add__(self, other: TrackingReport) -> TrackingReport:
         """Return the report of two trackers of the same cluster."""
@@ -37,4 +40,5 @@ class TrackingReport:
             self.known + other.known,
             self.closed + other.closed,
             self.at_rest and other.at_rest,
+            max(self.thinned, other.thinned),
         )

@@ -122,7 +122,8 @@ class _ResolutionTracker:
     @property
     def report(self) -> TrackingReport:
         """Report of the latest cluster."""
-        return replace(self._tracker.report, at_rest=self._compensation.at_rest)
+        seen = self._compensation
+        return replace(self._tracker.report, at_rest=seen.at_rest, thinned=seen.thinned)
 
     def _images(self, cluster: StereoCluster) -> StereoImage:
         if self._image == "motion_compensated":

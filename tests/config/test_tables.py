@@ -19,9 +19,10 @@ WITHOUT_UNIT = {
     "relative_decrease",
     "gate",
     "spacing",
+    "density",
     "acceleration_psd",
 }
-"""Ratios, levels of grey, and Q_c, whose halves have units of their own in the text."""
+"""Ratios, levels of grey, events per pixel, and Q_c, whose halves have units of their own."""
 
 
 def fields(stage: StageConfig) -> list[tuple[str, object]]:

@@ -78,6 +78,25 @@ def test_the_right_image_motion_makes_pictures_as_sharp_as_a_still_camera(
     np.testing.assert_array_less(np.abs(image.picture.astype(int) - expected.picture), 2)
 
 
+@given(seeds, st.sampled_from([0.5, 1.0, 1.9, 2.0, 7.3]))
+@settings(deadline=None, max_examples=30)
+def test_of_dense_events_one_of_several_is_drawn_as_bright(seed: int, times: float) -> None:
+    """Sums are those of the events that are drawn; at least as many as are enough."""
+    count = 4000
+    events = spot(np.array([40.0, 30.0]), np.array([80.0, -30.0]), seed, count)
+    density = count / times / (SHAPE[0] * SHAPE[1])
+    every = max(1, int(times))
+    given = events, constant_flow(np.zeros(2)), MIDDLE, 1
+    image, everything = (CompensatedImage.of_events(*given, each) for each in (density, None))
+    drawn = replace(events, events=events.events[np.arange(0, count, every)])
+    alone = CompensatedImage.of_events(drawn, *given[1:])
+    np.testing.assert_array_equal(image.sums, alone.sums)
+    assert image.thinned == count - drawn.event_count and everything.thinned == 0
+    assert drawn.event_count >= count / times or every == 1
+    means = [float(one.picture.mean()) for one in (image, everything)]
+    assert means[0] == pytest.approx(means[1], rel=0.15)
+
+
 @given(seeds, motions)
 @settings(deadline=None, max_examples=30)
 def test_equal_motion_of_all_features_is_that_of_all_pixels(seed: int, motion: np.ndarray) -> None:
@@ -187,8 +206,8 @@ def test_half_resolution_pictures_are_those_of_events_in_larger_pixels() -> None
     small = shown(points, t, SHAPE)
     four = np.repeat(to_full_resolution(points, 2), 4, axis=0), np.repeat(t, 4)
     large = shown(*four, (2 * SHAPE[0], 2 * SHAPE[1]))
-    full = MotionCompensation(CompensationConfig(), frames=2)
-    half = MotionCompensation(CompensationConfig(), frames=2, side=2)
+    full = MotionCompensation(CompensationConfig(density=None), frames=2)
+    half = MotionCompensation(CompensationConfig(density=None), frames=2, side=2)
     pictures = half.pictures(StereoCluster(0.0, 0.06, large, large))
     np.testing.assert_array_equal(pictures, full.pictures(cluster_at(0.0, small)))
 
