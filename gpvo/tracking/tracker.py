@@ -116,7 +116,7 @@ class _ResolutionTracker:
     def limit_features(self, share: float) -> None:
         """Look for a share of the configured features."""
         if isinstance(self._tracker, KltTracker):
-            self._new.result()
+            self._new.result()  # the features are in use until then
             self._tracker.limit_features(share)
 
     @property
