@@ -254,7 +254,7 @@ class CompensationConfig(StageConfig):
         "Observations are moved ahead by it; 0 leaves them.",
     )
     density: float | None = Field(
-        default=0.25,
+        default=0.5,
         gt=0,
         description="Events per pixel of a picture that are enough: where there are twice as "
         "many, one of several is drawn; null draws all.",
