@@ -84,8 +84,8 @@ class CompensatedImage:
     ) -> CompensatedImage:
         """Move events along the image motion to a time (seconds), in pixels `side` as wide.
 
-        Of more than `density` events per pixel one of several is taken, evenly, as if it were all
-        of them. None takes all.
+        Of twice `density` events per pixel, or more, one of several is taken, evenly, as if it were
+        all of them. None takes all.
         """
         width, height = image.resolution
         sums = np.zeros((height // side, width // side, 2), np.float32)
@@ -128,8 +128,7 @@ class MotionCompensation:
 
     `frames` is the number of latest clusters to which observations may belong. Pixels of the
     pictures are `side` pixels of the events wide; all positions are pixels of the pictures.
-    `at_rest` says whether nothing moved in the latest cluster, and `thinned` how many events of
-    both cameras are left out of its pictures.
+    `at_rest` says whether nothing moved in the latest cluster.
     """
 
     def __init__(self, config: CompensationConfig, frames: int, side: int = 1) -> None:
@@ -137,7 +136,7 @@ class MotionCompensation:
         self._images: deque[tuple[CompensatedImage, CompensatedImage]] = deque(maxlen=frames)
         self._frame_count = 0
         self._stop, self._pause = -np.inf, 0.0
-        self.at_rest, self.thinned = False, 0
+        self.at_rest = False
         self._moving: tuple[CompensatedImage, ...] = ()
         self._recent: Observations | None = None
         self._waiting: Observations | None = None
@@ -146,6 +145,11 @@ class MotionCompensation:
         self._lag = ContourLag(config.lag)
         self._full_count: deque[float] = deque(maxlen=USUAL)
         self._noise, self._still = NoiseLevel(), False
+
+    @property
+    def thinned(self) -> int:
+        """Number of events of both cameras that the latest pictures leave out."""
+        return sum(image.thinned for image in self._images[-1]) if self._images else 0
 
     def pictures(self, cluster: StereoCluster) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Make the left and right picture of a new cluster at the middle of its interval."""
@@ -163,7 +167,6 @@ class MotionCompensation:
             )
             if not self._still:
                 self._moving = left, right
-        self.thinned = left.thinned + right.thinned
         self._images.append((left, right))
         self._frame_count += 1
         return left.picture, right.picture

@@ -48,9 +48,9 @@ class Tracklets:
         if self._clusters and cluster.start - self._clusters[-1][1].stop > BREAK:
             self._unbroken = self._cluster_count
             self._taken[:] = True  # what is given after the break begins after it
-        self._clusters.append((self._cluster_count, cluster))
+        newest = self._cluster_count
+        self._clusters.append((newest, cluster))
         self._cluster_count += 1
-        newest = self._cluster_count - 1
         latest = self._shown[-1] if self._shown else -1
         self._shown.extend(np.unique(observations.frame[observations.frame > latest]).tolist())
         if newest in observations.frame:
@@ -58,8 +58,8 @@ class Tracklets:
         frames = {newest, *observations.frame.tolist()}
         shown = [(number, shown) for number, shown in self._clusters if number in frames]
         new = [self._measure(*one, observations) for one in shown]
-        numbers = [number for number, _ in shown]
-        self.out_of_bounds = int(np.isin(observations.frame, numbers).sum()) - sum(map(len, new))
+        given = np.isin(observations.frame, [number for number, _ in shown])
+        self.out_of_bounds = int(given.sum()) - sum(map(len, new))
         self._measurements = Measurements.concatenate([self._measurements, *new])
         self._passed = None
         self._taken = np.append(self._taken, np.zeros(sum(map(len, new)), bool))
