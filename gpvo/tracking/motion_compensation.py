@@ -88,7 +88,7 @@ class CompensatedImage:
         all of them. None takes all.
         """
         width, height = image.resolution
-        sums = np.zeros((height // side, width // side, 2), np.float32)
+        sums = np.full((height // side, width // side, 2), 0, np.float32)
         enough = np.inf if density is None else density * sums[..., 0].size
         every = max(1, int(image.event_count / enough))
         events, fine = image.events.one_of(every), fine_flow(flow)
