@@ -158,8 +158,7 @@ class _EventTable:
         until the next block cannot hold earlier ones.
         """
         rows = range(len(self.dataset))
-        begin = start - DISORDER
-        row = bisect_left(rows, begin, key=lambda row: self.seconds(row) - origin)
+        row = self._first_after(origin + start - DISORDER)
         latest = -np.inf if row == 0 else self.seconds(row - 1)
         end, waiting = self.seconds(rows[-1]), Events.empty()
         for first_row, stop_row in pairwise([row, *self._ends_of_blocks(row)]):
@@ -175,6 +174,12 @@ class _EventTable:
             yield both.between(start, latest - origin - DISORDER)
             waiting = both.between(latest - origin - DISORDER, np.inf)
         yield waiting.between(start, np.inf)
+
+    def _first_after(self, time: float) -> int:
+        """Return the first row that is not before an absolute time in seconds."""
+        if self.seconds(0) >= time:
+            return 0  # a bisection unpacks a chunk per step
+        return bisect_left(range(len(self.dataset)), time, key=self.seconds)
 
     def _ends_of_blocks(self, row: int) -> list[int]:
         """Return where the blocks after a row end: with chunks, so that each is unpacked once."""
