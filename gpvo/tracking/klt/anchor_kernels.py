@@ -40,7 +40,7 @@ def cut_patches_kernel(image: Level, centres: NDArray[np.int64], border: int, ha
         for row in range(side):
             line = image[min(max(top + row, 0), height - 1)]
             for column in range(side):
-                patches[i, row, column] = np.uint8(line[min(max(left + column, 0), width - 1)])
+                patches[i, row, column] = line[min(max(left + column, 0), width - 1)]
     return patches
 
 

@@ -53,7 +53,7 @@ class Pyramid:
     image
         (height, width) uint8.
     levels
-        float32 images with a border, which mirrors the image, so that patches may reach beyond it.
+        uint8 images with a border, which mirrors the image, so that patches may reach beyond it.
         The coarsest one is repeated where the image is too small for all of them: kernels would be
         compiled again for each number of levels.
     patch_size
@@ -81,7 +81,7 @@ class Pyramid:
 
 def _bordered(image: Image, patch_size: int) -> Level:
     sides = (patch_size + BEYOND,) * 4
-    return cv2.copyMakeBorder(image, *sides, cv2.BORDER_REFLECT_101).astype(np.float32)
+    return cv2.copyMakeBorder(image, *sides, cv2.BORDER_REFLECT_101)
 
 
 def match_patches(

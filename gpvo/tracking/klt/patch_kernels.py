@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from factors.kernels.compiled import KERNEL, kernel
 
-Level = NDArray[np.float32]
+Level = NDArray[np.uint8]
 """Image of a pyramid's level, with a border around it."""
 Row = NDArray[np.float32]
 """Rows of a patch, one after the other."""
@@ -27,7 +27,7 @@ def copy_patch(image: Level, u: float, v: float, rows: int, width: int, patch: R
     left, top, columns = np.uint64(u), np.uint64(v), np.uint64(width)  # no negative indices
     for row in range(np.uint64(rows)):
         for column in range(columns):
-            patch[row * columns + column] = image[top + row, left + column]
+            patch[row * columns + column] = np.float32(image[top + row, left + column])
 
 
 @njit(**KERNEL, fastmath=FAST)

@@ -17,6 +17,7 @@ from gpvo.tracking.klt.patch_kernels import FAST, Level, centre, copy_patch, dot
 
 Points = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Work = NDArray[np.float32]
 
 LEVEL = 1
 """Level that is searched: a step of a pixel there is two pixels of the image."""
@@ -79,8 +80,8 @@ def _most_alike(
     other: Level,
     step: int,
     farthest: int,
-    patches: Level,
-    sums: Level,
+    patches: Work,
+    sums: Work,
 ) -> int:
     """Return how many steps from (column, row) the patch there is in the other image."""
     begin, alike, count = min(column, column + step * farthest), sums[0], farthest + 1
@@ -102,8 +103,8 @@ def _correlate(
     other: Level,
     first: int,
     count: int,
-    patches: Level,
-    sums: Level,
+    patches: Work,
+    sums: Work,
 ) -> None:
     """Compute the zero-mean normalised cross-correlations of a patch with those of another image.
 
@@ -123,7 +124,7 @@ def _correlate(
         for x in range(side):
             weight = template[y * side + x]
             for k in range(n):
-                value = other[top + y, left + x + k]
+                value = np.float32(other[top + y, left + x + k])
                 products[k] += weight * value
                 totals[k] += value
                 squares[k] += value * value
