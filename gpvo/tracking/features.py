@@ -56,31 +56,32 @@ class Features(ArrayTable):
 
 def detect(image: NDArray[np.uint8], config: FeatureConfig) -> Features:
     """Find the extrema of the blob and the corner response of an 8-bit image and describe them."""
-    points, kind, strength = extrema(image, config.nms_radius, config.response_threshold)
+    points, kind, response = extrema(image, config.nms_radius, config.response_threshold)
+    strength = np.divide(response, LARGEST_BLOB, dtype=np.float32)
     return Features(points, kind, strength, describe(gradients(image), points))
 
 
 def extrema(
     image: NDArray[np.uint8], nms_radius: int, threshold: float
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
-    """Find the points (N, 2), kinds (N,) and strengths (N,) of the extrema of both responses.
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int16]]:
+    """Find the points (N, 2), kinds (N,) and responses (N,) of the extrema of both filters.
 
-    The strength is the response of a filter, relative to its largest possible response.
+    The response of the corner filter counts twice, so that both have the same largest one.
     """
     found = []
     blob, corner = blob_and_corner(image)
     for first_kind, response, largest in ((0, blob, LARGEST_BLOB), (2, corner, LARGEST_CORNER)):
         for kind, signed in ((first_kind, -response), (first_kind + 1, response)):
             maxima = block_maxima(signed, nms_radius, ceil(threshold), MARGIN)
-            strength = signed[maxima[:, 1], maxima[:, 0]].astype(np.float32) / np.float32(largest)
-            found.append((maxima, np.full(len(maxima), kind, np.int32), strength))
-    points, kinds, strengths = zip(*found, strict=True)
-    return np.concatenate(points), np.concatenate(kinds), np.concatenate(strengths)
+            height = signed[maxima[:, 1], maxima[:, 0]] * np.int16(LARGEST_BLOB // largest)
+            found.append((maxima, np.full(len(maxima), kind, np.int32), height))
+    points, kinds, heights = zip(*found, strict=True)
+    return np.concatenate(points), np.concatenate(kinds), np.concatenate(heights)
 
 
 def strongest_spaced(
     points: NDArray[np.int32],
-    strength: NDArray[np.float32],
+    strength: NDArray[np.float32] | NDArray[np.int16],
     taken: NDArray[np.float32],
     spacing: int,
     count: int,

@@ -61,18 +61,18 @@ def test_responses_are_those_of_the_masks_but_at_the_border(image: NDArray[np.ui
 @pytest.mark.parametrize("image", images())
 @pytest.mark.parametrize("radius", [1, 3, 5])
 def test_every_feature_is_an_extremum_of_its_window(image: NDArray[np.uint8], radius: int) -> None:
-    points, kinds, strengths = extrema(image, radius, 50.0)
+    points, kinds, heights = extrema(image, radius, 50.0)
     assert len(points) > 10
-    largest = (255 * 16, 255 * 16, 255 * 8, 255 * 8)
+    counted = (1, 1, 2, 2)
     for kind, response in responses(image).items():
         last_row, last_column = np.subtract(image.shape, MARGIN + 1)
-        for (u, v), strength in zip(points[kinds == kind], strengths[kinds == kind], strict=True):
+        for (u, v), height in zip(points[kinds == kind], heights[kinds == kind], strict=True):
             around = response[
                 v - radius : min(v + radius, last_row) + 1,
                 u - radius : min(u + radius, last_column) + 1,
             ]
             assert around.max() == response[v, u] >= 50
-            np.testing.assert_allclose(strength, response[v, u] / largest[kind], rtol=1e-6)
+            assert height == counted[kind] * response[v, u]
 
 
 @given(seeds, st.integers(1, 6), st.integers(0, 6), st.integers(0, 50), st.integers(0, 50))
@@ -97,12 +97,12 @@ def test_suppression_finds_each_strict_maximum_and_no_two_within_the_radius(
 
 def test_equal_neighbours_are_the_only_features_within_the_radius() -> None:
     image = Texture(1).binary()
-    points, kinds, strengths = extrema(image, 3, 50.0)
+    points, kinds, heights = extrema(image, 3, 50.0)
     for kind in range(4):
-        p, strength = points[kinds == kind], strengths[kinds == kind]
+        p, height = points[kinds == kind], heights[kinds == kind]
         near = np.abs(p[:, None] - p[None]).max(axis=2) <= 3
         i, j = np.nonzero(near)
-        assert (strength[i] == strength[j]).all()
+        assert (height[i] == height[j]).all()
 
 
 @pytest.mark.parametrize(("value", "kind"), [(255, 1), (-255, 0)])
@@ -118,10 +118,10 @@ def test_crossing_squares_are_a_corner(kind: int) -> None:
     image = np.zeros((41, 41), np.uint8)
     image[:20, :20] = image[21:, 21:] = 255
     image = image[:, ::-1] if kind == 2 else image
-    points, kinds, strength = extrema(image, 3, 255 * 7)
-    is_corner = kinds >= 2
-    assert points[is_corner].tolist() == [[20, 20]] and kinds[is_corner].tolist() == [kind]
-    assert strength[is_corner] == 1
+    found = detect(image, FeatureConfig(response_threshold=255 * 7))
+    corner = found[found.kind >= 2]
+    assert corner.points.tolist() == [[20, 20]] and corner.kind.tolist() == [kind]
+    assert corner.strength == 1
 
 
 @pytest.mark.parametrize("image", images())

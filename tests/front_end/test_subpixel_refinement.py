@@ -24,9 +24,9 @@ def image(dx: float = 0.0, dy: float = 0.0) -> NDArray[np.uint8]:
 
 
 def distinct_points() -> NDArray[np.int32]:
-    points, _, strength = extrema(image(), 3, 50.0)
+    points, _, response = extrema(image(), 3, 50.0)
     inside = ((points > 15) & (points < np.array(image().shape[::-1]) - 15)).all(axis=1)
-    return points[inside & (strength > 0.05)]
+    return points[inside & (response > 200)]
 
 
 @given(st.integers(-2, 2), st.integers(-2, 2))

@@ -226,11 +226,11 @@ class KltTracker:
 
     def _detect(self, frame: Frame) -> Points:
         """Return the strongest features (N, 2) of the left image that are not near a landmark."""
-        points, _, strength = extrema(
+        points, _, response = extrema(
             frame.left_image.image, self._features.nms_radius, self._features.response_threshold
         )
         room = self._room(frame)
-        chosen = strongest_spaced(points, strength, frame.left, self._config.spacing, room)
+        chosen = strongest_spaced(points, response, frame.left, self._config.spacing, room)
         return points[chosen].astype(np.float32)
 
     def _room(self, frame: Frame) -> int:
