@@ -12,7 +12,6 @@ from collections import deque
 from dataclasses import dataclass, replace
 from functools import partial
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +25,7 @@ from gpvo.tracking.event_sums import (
     Flow,
     Sums,
     add_events,
+    brightness,
     fine_flow,
     mean_delays,
     motion_at,
@@ -93,10 +93,8 @@ class CompensatedImage:
         every = max(1, int(image.event_count / enough))
         events, fine = image.events.one_of(every), fine_flow(flow)
         add_events(events.x, events.y, events.t, image.table, side, reference, fine, sums)
-        absent = np.float32(-every / side**2) * sums[..., 0]
-        np.exp(absent, out=absent)
-        picture = np.asarray(cv2.convertScaleAbs(absent, alpha=-255, beta=255), np.uint8)
-        return CompensatedImage(reference, flow, sums, picture, image.event_count - len(events))
+        picture, thinned = brightness(sums, every / side**2), image.event_count - len(events)
+        return CompensatedImage(reference, flow, sums, picture, thinned)
 
     def held(self, reference: float) -> CompensatedImage:
         """Return the same image at a later time, when nothing has moved."""

@@ -14,7 +14,7 @@ from shown_events import of_surface, shown
 from gpvo.config.stages import CompensationConfig
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.tracking import Observations
-from gpvo.tracking.event_sums import CELL, Flow, motion_at
+from gpvo.tracking.event_sums import CELL, Flow, brightness, motion_at
 from gpvo.tracking.motion_compensation import (
     CompensatedImage,
     MotionCompensation,
@@ -63,6 +63,20 @@ def test_a_wrong_image_motion_cancels_at_the_events_own_time(
     np.testing.assert_allclose(time, events.events.t.mean(), atol=1e-9)
     np.testing.assert_allclose(found, events.table[0].mean(axis=0), atol=1e-4)
     assert image.count.sum() == pytest.approx(events.event_count)
+
+
+@given(seeds, st.floats(0.1, 8.0))
+@settings(deadline=None, max_examples=30)
+def test_pictures_are_as_bright_as_the_formula_to_half_a_grey_level(
+    seed: int, weight: float
+) -> None:
+    sums = np.random.default_rng(seed).exponential(2.0, (20, 30, 2)).astype(np.float32)
+    sums[0] = 0, 1e6
+    sums[1] = 1e6, 0
+    formula = 255 * (1 - np.exp(-weight * sums[..., 0].astype(float)))
+    found = brightness(sums, weight)
+    np.testing.assert_allclose(found, formula, atol=0.502)
+    assert (found[0] == 0).all() and (found[1] == 255).all()
 
 
 @given(seeds, motions)
