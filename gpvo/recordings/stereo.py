@@ -7,7 +7,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.errors import InputError
 from gpvo.recordings.base import SIDES, Events, Recording, StereoEvents
 from gpvo.recordings.calibration.rig import Camera, StereoRig
@@ -122,8 +124,17 @@ class StreamRecording(Recording):
                 continue
             first = int(np.searchsorted(block.t_ns, start_ns, side="left"))
             inside = inside_sensor(block[first:], camera, stream.where, faults)
-            t = (inside.t_ns - origin_ns) / 1e9
+            t = seconds_since(origin_ns, inside.t_ns)
             yield Events(inside.x, inside.y, t, inside.polarity)
+
+
+@kernel
+def seconds_since(origin_ns: int, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the times (N,) of stamps (N,) since an origin, seconds: (t_ns - origin_ns) / 1e9."""
+    t = np.empty(len(t_ns))
+    for i in range(len(t_ns)):
+        t[i] = (t_ns[i] - origin_ns) / 1e9
+    return t
 
 
 def span_ns(stream: EventStream) -> tuple[int, int]:

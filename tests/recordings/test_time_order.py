@@ -89,6 +89,16 @@ def test_damaged_stamps_cost_their_events_only(bad: dict[int, int], size: int) -
     assert faults[DROPPED] >= 2000 - len(ours)
 
 
+def test_a_step_that_overflows_is_a_fault() -> None:
+    """From the largest stamp to the smallest it is 1 in int64."""
+    block = event_block(2000, 6)
+    t_ns, limits = block.t_ns.copy(), np.iinfo(np.int64)
+    t_ns[[1000, 1001]] = limits.max, limits.min
+    ours, faults = ordered(retimed(block, t_ns))
+    np.testing.assert_array_equal(ours.t_ns, np.delete(block.t_ns, [1000, 1001]))
+    assert faults[DROPPED] == 2
+
+
 def test_a_pause_is_no_fault() -> None:
     first, second = event_block(800, 4), event_block(900, 5)
     late = retimed(second, second.t_ns + 300 * 10**9)

@@ -30,19 +30,21 @@ def in_order(blocks: Iterator[EventBlock], faults: Faults) -> Iterator[EventBloc
     The longest sequence of events with non-decreasing stamps is taken as correct, as the fewest
     events are dropped then. Events are yielded once the following ones have confirmed them.
     """
-    held: EventBlock | None = None
-    before = np.iinfo(np.int64).min
+    held, before = EventBlock.empty(), np.iinfo(np.int64).min
     for block in blocks:
         if len(block) == 0:
             continue
-        joined = block if held is None else EventBlock.concatenate([held, block])
-        ordered = _ordered(joined, before, faults)
-        split = _settled(ordered.t_ns)
-        if split:
-            before = int(ordered.t_ns[split - 1])
-            yield ordered[:split]
-        held = ordered[split:]
-    if held is not None and len(held):
+        if _continues(held.t_ns, block.t_ns, before) and (settled := _settled(block.t_ns)):
+            yield from (part for part in (held, block[:settled]) if len(part))
+            before, held = int(block.t_ns[settled - 1]), block[settled:]
+        else:
+            ordered = _ordered(EventBlock.concatenate([held, block]), before, faults)
+            settled = _settled(ordered.t_ns)
+            if settled:
+                before = int(ordered.t_ns[settled - 1])
+                yield ordered[:settled]
+            held = ordered[settled:]
+    if len(held):
         yield held
 
 
@@ -55,13 +57,29 @@ def _settled(t_ns: NDArray[np.int64]) -> int:
     return int(np.searchsorted(t_ns, recent, side="left"))
 
 
+def _continues(held: NDArray[np.int64], t_ns: NDArray[np.int64], before: int) -> bool:
+    """Return whether stamps need no sorting after those that are held back; they need no join."""
+    if len(held) == 0:
+        return _is_plain(t_ns, before)
+    near = int(t_ns[0]) - int(held[-1]) < LONGEST_GAP_NS
+    return near and _is_plain(held, before) and _is_plain(t_ns, held[-1])
+
+
+@kernel
+def _is_plain(t_ns, before):  # type: ignore[no-untyped-def]
+    """Return whether stamps (N,) do not decrease, from `before` on, and have no long gap."""
+    plain = t_ns[0] >= before
+    for i in range(1, len(t_ns)):
+        step = t_ns[i] - t_ns[i - 1]
+        # Damaged stamps overflow: a step from the largest to the smallest one is 1.
+        plain &= (t_ns[i] >= t_ns[i - 1]) & (step >= 0) & (step < LONGEST_GAP_NS)
+    return plain
+
+
 def _ordered(block: EventBlock, before: int, faults: Faults) -> EventBlock:
     """Return one block in time order, from the time `before` on."""
     t_ns = block.t_ns
-    steps = np.diff(t_ns)
-    if t_ns[0] >= before and (
-        len(steps) == 0 or (steps.min() >= 0 and steps.max() < LONGEST_GAP_NS)
-    ):
+    if _is_plain(t_ns, before):
         return block
     chain = longest_nondecreasing(t_ns, before)
     chain = _without_islands(chain, t_ns, before)

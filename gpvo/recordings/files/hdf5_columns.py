@@ -127,7 +127,9 @@ class _Columns(Rows):
     def _stamps(self, times: NDArray[Any]) -> NDArray[np.int64]:
         if times.dtype.kind == "f":
             return nanoseconds(np.nan_to_num(times.astype(np.float64), nan=9e9)) + self.offset_ns
-        return times.astype(np.int64) * 1000 + self.offset_ns
+        stamps = np.multiply(times, 1000, dtype=np.int64, casting="unsafe")
+        stamps += self.offset_ns
+        return stamps
 
 
 def _column(file: h5py.File, name: str, where: str) -> h5py.Dataset:

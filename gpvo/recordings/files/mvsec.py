@@ -10,7 +10,9 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
+from factors.kernels.compiled import kernel
 from gpvo.errors import InputError
 from gpvo.recordings.base import SIDES, Events, Recording, StereoEvents
 from gpvo.recordings.calibration.find import Calibration, rig_for
@@ -31,7 +33,6 @@ END_ROWS = 4096
 """Rows at the end of a table, among which the latest event is."""
 BLOCK_ROWS = 1 << 17
 """Rows that are read at once, or a chunk: more would take a processor for a time."""
-"""Rows read at once, 16 MB; a multiple of the usual chunk sizes."""
 
 
 def is_mvsec(path: Path) -> bool:
@@ -170,9 +171,9 @@ class _EventTable:
                     f"{self.where} row {rows[-1]}: time {end:.6f} s is before {latest:.6f} s of"
                     f" row {last_row}; sort the events by time"
                 )
-            both = _sorted(Events.concatenate([waiting, events]))
-            yield both.between(start, latest - origin - DISORDER)
-            waiting = both.between(latest - origin - DISORDER, np.inf)
+            parts, settled = _in_order(waiting, events), latest - origin - DISORDER
+            yield from (part.between(start, settled) for part in parts)
+            waiting = Events.concatenate(part.between(settled, np.inf) for part in parts)
         yield waiting.between(start, np.inf)
 
     def _first_after(self, time: float) -> int:
@@ -213,11 +214,21 @@ class _EventTable:
         return events, float(in_order[-1])
 
 
-def _sorted(events: Events) -> Events:
-    """Return the events in order of time; those of one time keep their order."""
-    if len(events) < 2 or (np.diff(events.t) >= 0).all():
-        return events
-    return events[np.argsort(events.t, kind="stable")]
+def _in_order(waiting: Events, events: Events) -> list[Events]:
+    """Return events in order of time, in parts; those of one time keep their order."""
+    if _do_not_decrease(events.t, waiting.t[-1] if len(waiting) else -np.inf):
+        return [waiting, events]
+    both = Events.concatenate([waiting, events])
+    return [both[np.argsort(both.t, kind="stable")]]
+
+
+@kernel
+def _do_not_decrease(t: NDArray[np.float64], before: float) -> bool:
+    """Return whether times (N,) do not decrease, from `before` on."""
+    ordered = len(t) == 0 or t[0] >= before
+    for i in range(1, len(t)):
+        ordered &= t[i] >= t[i - 1]
+    return ordered
 
 
 def _is_event_table(item: h5py.Dataset | h5py.Group) -> bool:
