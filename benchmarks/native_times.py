@@ -111,7 +111,7 @@ def run(recording: Recording, tracked: Tracked, variant: Variant) -> tuple[Traje
     """The trajectory and the median number of inliers."""
     config, rig = variant.configuration, recording.rig
     camera = StereoCamera(rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline)
-    tracklets = Tracklets(config.tracklets)
+    tracklets = Tracklets(config.tracklets, config.tracking.earlier_frames)
     estimator = make_estimator(camera, config.noise, config.estimator)
     rng, counts = np.random.default_rng(config.seed), []
     for cluster, observations in _timed(tracked, variant):

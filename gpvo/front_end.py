@@ -104,7 +104,7 @@ class FrontEnd:
         self._tracker = (
             MultiResolutionTracker(full.tracking, self.camera) if tracker is None else tracker
         )
-        self._tracklets = Tracklets(full.tracklets)
+        self._tracklets = Tracklets(full.tracklets, full.tracking.earlier_frames)
         self._tracked_pixel = full.tracking.pixel
         self._acceleration = ImageAcceleration(self.camera)
         self._image_speed: float | None = None

@@ -37,7 +37,10 @@ class Tracker(Protocol):
     """
 
     def track(self, cluster: StereoCluster) -> Observations:
-        """Return the observations that a new cluster adds, in it or in earlier clusters."""
+        """Return the observations that a new cluster adds.
+
+        They are in it or in the `tracking.earlier_frames` clusters before it.
+        """
         ...
 
 

@@ -27,12 +27,15 @@ LEAST_LANDMARKS = 8
 class Tracklets:
     """Measurements of the latest clusters that passed the filters of single measurements.
 
+    `earlier_frames` is the number of earlier clusters to which new observations may belong: their
+    events are kept for the measurements' times.
+
     `out_of_bounds` is the number of those added last that did not pass.
     """
 
-    def __init__(self, config: TrackletConfig) -> None:
+    def __init__(self, config: TrackletConfig, earlier_frames: int) -> None:
         self._config = config
-        self._clusters: deque[tuple[int, StereoCluster]] = deque(maxlen=config.history)
+        self._clusters: deque[tuple[int, StereoCluster]] = deque(maxlen=earlier_frames + 1)
         self._shown: deque[int] = deque(maxlen=config.history)
         self._cluster_count = self._unbroken = 0
         self._measurements = Measurements.concatenate([])

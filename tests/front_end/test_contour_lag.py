@@ -133,7 +133,7 @@ def test_observations_are_moved_ahead_by_the_lag() -> None:
 def test_tracklets_begin_with_observations_that_waited() -> None:
     """Observations of the cluster before belong to the history like those of the newest."""
     nothing = np.empty((0, 2))
-    tracklets = Tracklets(TrackletConfig(min_length=1.0, history=2))
+    tracklets = Tracklets(TrackletConfig(min_length=1.0, history=2), earlier_frames=1)
     events = shown(nothing, np.empty(0), (60, 80))
     place, step, one = np.array([[40.0, 30.0]]), np.array([[2.0, 0.0]]), np.array([0])
 

@@ -76,6 +76,7 @@ CONFIG = TrackletConfig(
     rest_duration=0,
     history=4,
 )
+EARLIER_FRAMES = 3
 
 
 def add(tracklets: Tracklets, frame: int, *sightings: Sighting, late: float = 0.0) -> None:
@@ -106,7 +107,7 @@ def two_sightings(
     duration: float = 1 / 8,
 ) -> tuple[Measurements, int]:
     """Return the measurements of a landmark seen twice, and the number of its segments."""
-    tracklets = Tracklets(CONFIG)
+    tracklets = Tracklets(CONFIG, EARLIER_FRAMES)
     add(tracklets, 0, (3, 30, 20, disparity, 1.0, 1.0 + stereo_time))
     t = 1.0 + duration
     add(tracklets, 1, (3, 30 + motion[0], 20 + motion[1], disparity, t, t + stereo_time))
@@ -157,7 +158,7 @@ ALL = np.arange(10)
 
 
 def test_take_gives_every_measurement_once() -> None:
-    tracklets, given = Tracklets(CONFIG), []
+    tracklets, given = Tracklets(CONFIG, EARLIER_FRAMES), []
     for frame in range(6):
         add(tracklets, frame, *(moving(landmark, frame) for landmark in range(3)))
         given.append(tracklets.take(ALL))
@@ -169,7 +170,7 @@ def test_take_gives_every_measurement_once() -> None:
 
 
 def test_take_gives_only_the_landmarks_asked_for() -> None:
-    tracklets = Tracklets(CONFIG)
+    tracklets = Tracklets(CONFIG, EARLIER_FRAMES)
     for frame in range(3):
         add(tracklets, frame, *(moving(landmark, frame) for landmark in range(3)))
     assert set(tracklets.take(np.array([0, 2])).landmark) == {0, 2}
@@ -177,7 +178,7 @@ def test_take_gives_only_the_landmarks_asked_for() -> None:
 
 
 def test_reject_forgets_the_newest_measurements_alone() -> None:
-    tracklets = Tracklets(CONFIG)
+    tracklets = Tracklets(CONFIG, EARLIER_FRAMES)
     for frame in range(3):
         add(tracklets, frame, *(moving(landmark, frame) for landmark in range(2)))
     tracklets.reject(np.array([0]))
@@ -190,7 +191,7 @@ def test_reject_forgets_the_newest_measurements_alone() -> None:
 
 @pytest.mark.parametrize("span", [1, 2, 3])
 def test_segments_end_in_the_newest_cluster_and_stay_within_the_span(span: int) -> None:
-    tracklets = Tracklets(CONFIG)
+    tracklets = Tracklets(CONFIG, EARLIER_FRAMES)
     for frame in range(4):
         seen = [moving(0, frame), moving(1, frame)]
         if frame != 3:
@@ -208,7 +209,7 @@ def test_segments_end_in_the_newest_cluster_and_stay_within_the_span(span: int) 
 
 def test_no_segment_bridges_a_break() -> None:
     """The velocity is not constant for so long; what was not given before it is not given later."""
-    tracklets, late = Tracklets(CONFIG), BREAK + 0.125
+    tracklets, late = Tracklets(CONFIG, EARLIER_FRAMES), BREAK + 0.125
     for frame in (0, 1):
         add(tracklets, frame, moving(0, frame), moving(1, frame))
     add(tracklets, 2, moving(0, 2), moving(1, 2), late=late)
@@ -220,7 +221,7 @@ def test_no_segment_bridges_a_break() -> None:
 
 
 def test_clusters_that_show_nothing_are_no_part_of_span_and_history() -> None:
-    tracklets = Tracklets(CONFIG)
+    tracklets = Tracklets(CONFIG, EARLIER_FRAMES)
     for frame in range(12):
         add(tracklets, frame, *([moving(0, frame)] if frame in (0, 1, 10, 11) else []))
         if 1 < frame < 10:
@@ -234,7 +235,7 @@ def test_clusters_that_show_nothing_are_no_part_of_span_and_history() -> None:
 @settings(deadline=None, max_examples=30)
 def test_any_segment_has_a_positive_time_and_two_measurements(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    tracklets, span = Tracklets(CONFIG), int(rng.integers(1, 5))
+    tracklets, span = Tracklets(CONFIG, EARLIER_FRAMES), int(rng.integers(1, 5))
     for frame in range(6):
         seen = rng.permutation(10)[: rng.integers(0, 10)]
         times = frame / 8 + rng.uniform(-0.2, 0.2, len(seen))
@@ -258,7 +259,7 @@ def test_any_segment_has_a_positive_time_and_two_measurements(seed: int) -> None
 def test_history_is_limited() -> None:
     """Slow landmarks need older clusters to be long enough, and these must not be too old."""
     for frames, expected in ((3, 0), (4, 4), (5, 4), (9, 4)):
-        tracklets = Tracklets(CONFIG)
+        tracklets = Tracklets(CONFIG, EARLIER_FRAMES)
         for frame in range(frames):
             add(tracklets, frame, moving(0, frame, speed=2.0))
         assert len(tracklets.take(ALL)) == expected
@@ -266,7 +267,7 @@ def test_history_is_limited() -> None:
 
 def test_observations_of_earlier_clusters_are_timed_there() -> None:
     """The viso2 tracker extends tracklets backwards."""
-    tracklets = Tracklets(CONFIG)
+    tracklets = Tracklets(CONFIG, EARLIER_FRAMES)
     first, second = moving(0, 0), moving(0, 2)
     left = np.full((HEIGHT, WIDTH), -np.inf)
     for frame, (_, u, v, _, t, _) in ((0, first), (2, second)):
@@ -283,7 +284,7 @@ def test_observations_of_earlier_clusters_are_timed_there() -> None:
 
 
 def test_times_of_the_tracker_take_the_place_of_the_surface() -> None:
-    tracklets, surface = Tracklets(CONFIG), np.full((HEIGHT, WIDTH), 5 / 64)
+    tracklets, surface = Tracklets(CONFIG, EARLIER_FRAMES), np.full((HEIGHT, WIDTH), 5 / 64)
     own = np.array([[1 / 64, 2 / 64], [np.nan, np.nan], [4 / 64, np.nan], [1 / 64, 3 / 64]])
     left = np.column_stack([[20.0] * 4, 10 * np.arange(4) + 5])
     for frame in range(2):
@@ -299,7 +300,7 @@ def test_times_of_the_tracker_take_the_place_of_the_surface() -> None:
 
 
 def test_observations_without_events_are_dropped() -> None:
-    tracklets, nothing = Tracklets(CONFIG), np.full((HEIGHT, WIDTH), -np.inf)
+    tracklets, nothing = Tracklets(CONFIG, EARLIER_FRAMES), np.full((HEIGHT, WIDTH), -np.inf)
     point = np.array([[20.0, 20.0]])
     for frame in range(3):
         tracklets.add(
@@ -318,7 +319,8 @@ def test_a_tracklet_at_rest_passes_once_it_is_old_enough(
     rest_duration: float, expected: int
 ) -> None:
     """It lasts 3 / 8 s and does not move; `min_duration` holds for all."""
-    tracklets = Tracklets(CONFIG.model_copy(update={"rest_duration": rest_duration}))
+    config = CONFIG.model_copy(update={"rest_duration": rest_duration})
+    tracklets = Tracklets(config, EARLIER_FRAMES)
     for frame in range(4):
         add(tracklets, frame, moving(0, frame, speed=0.0))
     assert len(tracklets.take(ALL)) == expected
@@ -326,7 +328,7 @@ def test_a_tracklet_at_rest_passes_once_it_is_old_enough(
 
 
 def test_counts_of_what_the_filters_left_out_are_those_of_the_newest_cluster() -> None:
-    tracklets = Tracklets(CONFIG)
+    tracklets = Tracklets(CONFIG, EARLIER_FRAMES)
     late = (7, 40.0, 55.0, 8.0, 0.1, 0.2)  # left and right are 100 ms apart
     near, far = moving(0, 0), (3, 60.0, 30.0, 1.0, 0.1, 0.1)  # a disparity of 1 pixel
     add(tracklets, 0, near, moving(1, 0, speed=0.5), late, far)
@@ -348,7 +350,7 @@ def test_image_speed_is_that_of_landmarks_that_move_alike(
     rng = np.random.default_rng(seed)
     velocity = speed * np.array([np.cos(direction), np.sin(direction)])
     places = rng.uniform([20, 20], [60, 60], (LEAST_LANDMARKS, 2))
-    known = Tracklets(CONFIG)
+    known = Tracklets(CONFIG, EARLIER_FRAMES)
     for frame in range(2):
         t = frame / 8 + rng.uniform(0, 1 / 8 - 1e-3, LEAST_LANDMARKS) + frame * 1e-3
         add_timed(known, frame, places + t[:, None] * velocity, t)
@@ -358,7 +360,7 @@ def test_image_speed_is_that_of_landmarks_that_move_alike(
 
 def test_image_speed_is_that_of_the_slower_landmarks_between_the_two_newest_clusters() -> None:
     """Near landmarks rush by; a lower quartile does not see them."""
-    known, speeds = Tracklets(CONFIG), np.array([*[16.0] * 4, *[160.0] * 8])
+    known, speeds = Tracklets(CONFIG, EARLIER_FRAMES), np.array([*[16.0] * 4, *[160.0] * 8])
     places = np.column_stack([np.full(12, 20.0), np.linspace(5, 75, 12)])
     for frame in range(4):
         # In the first cluster all are where fast ones would have come from.
