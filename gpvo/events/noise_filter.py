@@ -74,10 +74,11 @@ class EventFilter:
 
     def __init__(self, resolution: tuple[int, int], config: ClusteringConfig) -> None:
         width, height = resolution
-        # Time of the latest event of each pixel and recent number of events, together in memory.
-        # A border of one pixel, so that every pixel has eight neighbours.
-        self._pixels = np.zeros((height + 2, width + 2, 2))
-        self._pixels[..., 0] = -np.inf
+        # Of each pixel the time of the latest event, seconds since the window began, and the number
+        # of recent events. A border of one pixel, so that every pixel has eight neighbours. They
+        # are read and written at random, which takes a third less time in 32 bits.
+        self._latest = np.full((height + 2, width + 2), -np.inf, np.float32)
+        self._recent = np.zeros_like(self._latest)
         self._isolated = np.zeros((height // BLOCK + 1, width // BLOCK + 1), np.int64)
         self._seen = np.zeros_like(self._isolated)
         rows, columns = map(_block_lengths, (height, width))
@@ -120,7 +121,7 @@ class EventFilter:
         fate = np.empty(len(events), np.uint8)
         for window, first, last in windows(events.t):
             self._begin(window, float(events.t[first]))
-            self._judge(events[first:last], fate[first:last])
+            self._judge(events[first:last], window * WINDOW, fate[first:last])
         if not fate.any():
             return events
         for times, kind in zip(self._left_out, (BACKGROUND, HOT), strict=True):
@@ -143,16 +144,19 @@ class EventFilter:
             share = 1 - np.exp(-8 * rate * self._support) if self._support > 0 else 1.0
             self._noise.append(Noise(window * WINDOW, t, rate, rate * share if noisy else 0.0))
             self._isolated[:], self._seen[:] = 0, 0
-            self._pixels[..., 1] *= 0.5
+            self._latest -= (window - self._window) * WINDOW
+            self._recent *= 0.5
         self._window = window
 
-    def _judge(self, events: Events, fate: NDArray[np.uint8]) -> None:
-        """Write what becomes of the events (N,) of one window."""
+    def _judge(self, events: Events, begin: float, fate: NDArray[np.uint8]) -> None:
+        """Write what becomes of the events (N,) of the window from `begin` on, seconds."""
         _judge(
             events.x,
             events.y,
             events.t,
-            self._pixels,
+            begin,
+            self._latest,
+            self._recent,
             self._isolated,
             self._seen,
             self._support,
@@ -224,7 +228,9 @@ def _judge(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     t: NDArray[np.float64],
-    pixels: NDArray[np.float64],
+    begin: float,
+    latest: NDArray[np.float32],
+    recent: NDArray[np.float32],
     isolated: NDArray[np.int64],
     seen: NDArray[np.int64],
     support: float,
@@ -232,32 +238,34 @@ def _judge(
     fate: NDArray[np.uint8],
 ) -> None:
     for i in range(len(t)):
-        row, column = int(y[i]) + 1, int(x[i]) + 1
-        if pixels[row, column, 0] == t[i]:
+        row, column, now = np.intp(y[i]) + 1, np.intp(x[i]) + 1, np.float32(t[i] - begin)
+        if latest[row, column] == now:
             fate[i] = REPEATED
             continue
-        pixels[row, column, 1] += 1
-        recent = pixels[row, column, 1]
-        if hot > 0 and recent > LEAST_HOT and _is_hot(pixels, row, column, hot):
+        recent[row, column] += np.float32(1)
+        if hot > 0 and recent[row, column] > LEAST_HOT and _is_hot(recent, row, column, hot):
             fate[i] = HOT
             continue
-        pixels[row, column, 0] = newest = -np.inf
-        for v in range(row - 1, row + 2):
-            for u in range(column - 1, column + 2):
-                newest = max(newest, pixels[v, u, 0])
-        pixels[row, column, 0] = t[i]
-        seen[y[i] // BLOCK, x[i] // BLOCK] += 1
-        isolated[y[i] // BLOCK, x[i] // BLOCK] += t[i] - newest > ISOLATED
-        alone = support > 0 and t[i] - newest > support
-        fate[i] = BACKGROUND if alone else KEPT
+        age, block = now - _newest_around(latest, row, column), (y[i] // BLOCK, x[i] // BLOCK)
+        latest[row, column] = now
+        seen[block] += 1
+        isolated[block] += age > ISOLATED
+        fate[i] = BACKGROUND if support > 0 and age > support else KEPT
 
 
 @kernel
-def _is_hot(pixels: NDArray[np.float64], row: int, column: int, ratio: float) -> bool:
-    """Compare a pixel's recent events with those of the eight pixels around it."""
-    own = pixels[row, column, 1]
-    around = -own
-    for v in range(row - 1, row + 2):
-        for u in range(column - 1, column + 2):
-            around += pixels[v, u, 1]
+def _newest_around(latest: NDArray[np.float32], row: int, column: int) -> np.float32:
+    """Return the latest time of the eight pixels around one."""
+    above, at, below = latest[row - 1], latest[row], latest[row + 1]
+    left, right = column - 1, column + 1
+    newest = max(above[left], above[column], above[right])
+    newest = max(newest, at[left], at[right])
+    return max(newest, below[left], below[column], below[right])
+
+
+@kernel
+def _is_hot(recent: NDArray[np.float32], row: int, column: int, ratio: float) -> bool:
+    """Compare a pixel's number of recent events with those of the eight pixels around it."""
+    own = recent[row, column]
+    around = recent[row - 1 : row + 2, column - 1 : column + 2].sum() - own
     return bool(own > ratio * (around / 8 + 1))

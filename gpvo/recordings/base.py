@@ -41,13 +41,6 @@ class Events(ArrayTable):
         first, last = np.searchsorted(self.t, [start, stop], side="left")
         return self[first:last]
 
-    def one_of(self, every: int) -> Events:
-        """Return the first one of each `every` events."""
-        if every == 1:
-            return self
-        # A copy: kernels are compiled for columns without gaps.
-        return self[np.arange(0, len(self), every)]
-
     @staticmethod
     def empty() -> Events:
         """Return a table without events."""

@@ -67,6 +67,7 @@ def add_events(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     t: Array,
+    every: int,
     table: NDArray[np.float32],
     side: int,
     reference: float,
@@ -75,14 +76,15 @@ def add_events(
 ) -> None:
     """Add events at raw pixels (x, y) to the four pixels around their positions at `reference`.
 
+    Of each `every` events the first one is added.
     `table` (raw height, raw width, 2) holds the rectified pixels. Pixels of the sums are `side` of
     these wide. `fine` is the image motion of FINE cells, that of the last one beyond them. Where a
     table holds NaN, as some do, events are left out.
     """
     moved = np.empty((TOGETHER, 3), np.float32)
-    for first in range(0, len(t), TOGETHER):
-        events = x[first:], y[first:], t[first : first + TOGETHER]
-        count = _move(*events, table, side, reference, fine, sums.shape, moved)
+    for first in range(0, len(t), TOGETHER * every):
+        events = x[first:], y[first:], t[first : first + TOGETHER * every]
+        count = _move(*events, every, table, side, reference, fine, sums.shape, moved)
         _add(moved[:count], sums)
 
 
@@ -91,6 +93,7 @@ def _move(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     t: Array,
+    every: int,
     table: NDArray[np.float32],
     side: int,
     reference: float,
@@ -108,7 +111,7 @@ def _move(
     right_end, low_end = np.float32(shape[1] - 1), np.float32(shape[0] - 1)
     scale, shift = np.float32(1 / side), np.float32((side - 1) / (2 * side))
     half, nothing, count = np.float32(0.5), np.float32(0), np.uint64(0)
-    for i in range(len(t)):
+    for i in range(0, len(t), every):
         place = table[np.uint64(y[i]), np.uint64(x[i])]
         u, v = place[0] * scale - shift, place[1] * scale - shift
         inside = -half <= u < right_end + half and -half <= v < low_end + half

@@ -91,9 +91,10 @@ class CompensatedImage:
         sums = np.full((height // side, width // side, 2), 0, np.float32)
         enough = np.inf if density is None else density * sums[..., 0].size
         every = max(1, int(image.event_count / enough))
-        events, fine = image.events.one_of(every), fine_flow(flow)
-        add_events(events.x, events.y, events.t, image.table, side, reference, fine, sums)
-        picture, thinned = brightness(sums, every / side**2), image.event_count - len(events)
+        events, fine = image.events, fine_flow(flow)
+        add_events(events.x, events.y, events.t, every, image.table, side, reference, fine, sums)
+        picture = brightness(sums, every / side**2)
+        thinned = len(events) - len(range(0, len(events), every))
         return CompensatedImage(reference, flow, sums, picture, thinned)
 
     def held(self, reference: float) -> CompensatedImage:
