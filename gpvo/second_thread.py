@@ -91,7 +91,7 @@ def in_halves(work: Callable[[slice], object], count: int) -> None:
     both(lambda: work(slice(half)), lambda: work(slice(half, None)))
 
 
-def prefetched(items: Iterator[T], ahead: int = 3) -> Iterator[T]:
+def prefetched(items: Iterator[T], ahead: int = 16) -> Iterator[T]:
     """The same items, made in a thread of its own up to some ahead of the one that is in use."""
     with ThreadPoolExecutor(1) as thread:
         coming = deque(thread.submit(next, items, None) for _ in range(ahead))

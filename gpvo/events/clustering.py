@@ -18,6 +18,7 @@ from gpvo.events.cluster_length import ClusterLength, ImageMotion
 from gpvo.events.flashes import FlashDetector
 from gpvo.events.noise_filter import EventFilter
 from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
+from gpvo.recordings.event_queue import EventQueue
 from gpvo.second_thread import both
 
 TICK = 1e-6
@@ -41,8 +42,9 @@ class ClusterEvents:
 
     Attributes
     ----------
-    events
-        Events at their raw pixels, without those that the noise filter left out.
+    parts
+        Events at their raw pixels, without those that the noise filter left out, in consecutive
+        parts.
     table
         (raw height, raw width, 2) float32 rectified pixel (u, v) of every raw pixel.
     resolution
@@ -56,7 +58,7 @@ class ClusterEvents:
         activity, of hot pixels.
     """
 
-    events: Events
+    parts: tuple[Events, ...]
     table: NDArray[np.float32]
     resolution: tuple[int, int]
     noise_rate: float = 0.0
@@ -64,9 +66,14 @@ class ClusterEvents:
     left_out: tuple[int, int] = (0, 0)
 
     @property
+    def events(self) -> Events:
+        """All events, joined."""
+        return Events.concatenate(self.parts)
+
+    @property
     def event_count(self) -> int:
         """Number of events, including those that rectify to outside the image."""
-        return len(self.events)
+        return sum(map(len, self.parts))
 
     @property
     def contour_count(self) -> float:
@@ -77,7 +84,8 @@ class ClusterEvents:
     def active(self) -> NDArray[np.bool_]:
         """Raw pixels (raw height, raw width) with an event."""
         active = np.zeros(self.table.shape[:2], np.bool_)
-        _mark(active, self.events.x, self.events.y)
+        for events in self.parts:
+            _mark(active, events.x, events.y)
         return active
 
     @property
@@ -89,7 +97,8 @@ class ClusterEvents:
     def surface_of_active_events(self) -> NDArray[np.float64]:
         """Time (height, width) of the latest event of each rectified pixel, s; -inf where none."""
         surface = np.full(self.resolution[::-1], -np.inf)
-        _paint(surface, self.events.x, self.events.y, self.events.t, self.table)
+        for events in self.parts:
+            _paint(surface, events.x, events.y, events.t, self.table)
         return surface
 
     @property
@@ -287,11 +296,11 @@ class _PendingEvents:
         self._table, self._resolution = table, resolution
         self.filter = EventFilter(camera.resolution, config)
         self._pixels = camera.resolution[0] * camera.resolution[1]
-        self._events, self._left_out = Events.empty(), 0
+        self._waiting, self._left_out = EventQueue(), 0
 
     def count(self, start: float) -> int:
         """Return the number of events since `start`, seconds."""
-        return len(self._events) - self._before(start)
+        return len(self._waiting) - self._waiting.count_before(start)
 
     def without_noise(self, events: Events, begin: float) -> Events:
         """Filter the next events of the stream; leave out those before `begin`, seconds."""
@@ -301,7 +310,7 @@ class _PendingEvents:
 
     def add(self, events: Events) -> None:
         """Add the next events of the stream, filtered."""
-        self._events = Events.concatenate([self._events, events])
+        self._waiting.add(events)
 
     def take_left_out(self) -> int:
         """Return the number of events that were left out since it was asked last."""
@@ -310,28 +319,21 @@ class _PendingEvents:
 
     def full_at(self, start: float, limit: int) -> float:
         """Return the time just after so many events since `start`, seconds; inf if fewer."""
-        last = self._before(start) + limit - 1
-        if last >= len(self._events):
-            return np.inf
-        return float(np.nextafter(self._events.t[last], np.inf))
+        last = self._waiting.count_before(start) + limit - 1
+        return float(np.nextafter(self._waiting.time_of(last), np.inf))
 
     def take(self, start: float, stop: float) -> ClusterEvents:
         """Return the events in [start, stop), seconds, as a cluster's, and keep those after it."""
-        self._left_out += self._before(start)
-        events = self._events.between(start, stop)
+        self._left_out += sum(map(len, self._waiting.take(start)))
         noise = self.filter.noise(start, stop)
-        self._events = self._events.between(stop, np.inf)
         return ClusterEvents(
-            events,
+            self._waiting.take(stop),
             self._table,
             self._resolution,
             noise_rate=noise.rate,
             noise_count=noise.passing * self._pixels * (stop - start),
             left_out=self.filter.left_out(stop),
         )
-
-    def _before(self, start: float) -> int:
-        return int(np.searchsorted(self._events.t, start))
 
 
 @kernel

@@ -42,10 +42,10 @@ class Events(ArrayTable):
         return self[first:last]
 
     @staticmethod
-    def empty() -> Events:
-        """Return a table without events."""
-        pixels = np.empty(0, np.uint16)
-        return Events(pixels, pixels, np.empty(0), np.empty(0, bool))
+    def empty(count: int = 0) -> Events:
+        """Return a table of so many events that are still to be set."""
+        x, y = np.empty((2, count), np.uint16)
+        return Events(x, y, np.empty(count), np.empty(count, bool))
 
     @classmethod
     def concatenate(cls, parts: Iterable[Events]) -> Events:

@@ -7,15 +7,21 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpvo.recordings.base import Events, StereoEvents
+from gpvo.recordings.event_queue import EventQueue
 
 LONGEST_SILENCE = 60.0
 """Seconds; a longer time without events, perhaps from a damaged stamp, is one batch."""
+MOST = 1 << 17
+"""Number of a camera's events in a batch: a part of a reader's block, so that few are of two, which
+have to be joined."""
 
 
 def stereo_batches(
     left: Iterator[Events], right: Iterator[Events], start: float, stop: float, length: float
 ) -> Iterator[StereoEvents]:
     """Yield batches of `length` seconds that cover [start, stop), left and right in step.
+
+    Where a camera has more than MOST events in that time, there are several.
 
     Parameters
     ----------
@@ -28,40 +34,45 @@ def stereo_batches(
     if not length > 0.0:
         raise ValueError(f"batch length {length} s is not positive")
     cut_left, cut_right = _Cutter(left), _Cutter(right)
-    first, number = start, 0
+    first = end = start
+    number = 0
     while first < stop:
-        silence = min(cut_left.upcoming, cut_right.upcoming, stop) - first
-        number += max(1, int(silence / length)) if silence > LONGEST_SILENCE else 1
-        last = min(start + number * length, stop)
+        if first == end:
+            silence = min(cut_left.upcoming, cut_right.upcoming, stop) - first
+            number += max(1, int(silence / length)) if silence > LONGEST_SILENCE else 1
+            end = min(start + number * length, stop)
+        last = min(cut_left.full_at(first, end), cut_right.full_at(first, end))
         yield StereoEvents(first, last, cut_left.until(last), cut_right.until(last))
         first = last
 
 
 class _Cutter:
-    """Buffer that takes blocks from a stream and cuts them at chosen times."""
+    """Takes blocks from a stream and cuts them at chosen times."""
 
     def __init__(self, blocks: Iterator[Events]) -> None:
-        self._blocks = blocks
-        self._rest = Events.empty()
-        self._at_end = False
+        self._blocks, self._waiting, self._at_end = blocks, EventQueue(), False
 
     @property
     def upcoming(self) -> float:
         """Time of the next event: -inf if none has been read yet, inf after the last one."""
-        if len(self._rest):
-            return float(self._rest.t[0])
-        return np.inf if self._at_end else -np.inf
+        return self._waiting.first if len(self._waiting) or self._at_end else -np.inf
+
+    def full_at(self, start: float, stop: float) -> float:
+        """Return the time until which a batch from `start` has MOST events, `stop` at most."""
+        while not self._at_end and len(self._waiting) <= MOST and self._waiting.last < stop:
+            self._read()
+        full = self._waiting.time_of(MOST)
+        return full if start < full < stop else stop
 
     def until(self, stop: float) -> Events:
         """Return all events before `stop` that have not been returned yet."""
-        parts = [self._rest]
-        while len(parts[-1]) == 0 or parts[-1].t[-1] < stop:
-            block = next(self._blocks, None)
-            if block is None:
-                self._at_end = True
-                break
-            parts.append(block)
-        split = int(np.searchsorted(parts[-1].t, stop, side="left"))
-        self._rest = parts[-1][split:]
-        parts[-1] = parts[-1][:split]
-        return parts[0] if len(parts) == 1 else Events.concatenate(parts)
+        while not self._at_end and self._waiting.last < stop:
+            self._read()
+        return Events.concatenate(self._waiting.take(stop))
+
+    def _read(self) -> None:
+        block = next(self._blocks, None)
+        if block is None:
+            self._at_end = True
+        else:
+            self._waiting.add(block)

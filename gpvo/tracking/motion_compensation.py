@@ -91,10 +91,13 @@ class CompensatedImage:
         sums = np.full((height // side, width // side, 2), 0, np.float32)
         enough = np.inf if density is None else density * sums[..., 0].size
         every = max(1, int(image.event_count / enough))
-        events, fine = image.events, fine_flow(flow)
-        add_events(events.x, events.y, events.t, every, image.table, side, reference, fine, sums)
-        picture = brightness(sums, every / side**2)
-        thinned = len(events) - len(range(0, len(events), every))
+        fine, count = fine_flow(flow), 0
+        for part in image.parts:
+            events, count = part[-count % every :], count + len(part)
+            add_events(
+                events.x, events.y, events.t, every, image.table, side, reference, fine, sums
+            )
+        picture, thinned = brightness(sums, every / side**2), count - len(range(0, count, every))
         return CompensatedImage(reference, flow, sums, picture, thinned)
 
     def held(self, reference: float) -> CompensatedImage:
@@ -176,7 +179,7 @@ class MotionCompensation:
 
     def _blank(self, events: ClusterEvents, middle: float) -> CompensatedImage:
         """Make the image of a camera at rest that saw nothing move before."""
-        nothing = replace(events, events=events.events[:0])
+        nothing = replace(events, parts=())
         return CompensatedImage.of_events(nothing, UNKNOWN, middle, self._side)
 
     def _is_still(self, cluster: StereoCluster) -> bool:

@@ -22,7 +22,7 @@ def test_the_latest_event_of_a_rectified_pixel_is_drawn_and_none_outside() -> No
     events = Events(t=np.linspace(0, 1, 6), x=x, y=y, polarity=polarity)
     white = np.tile(COLOURS[0], (3, 4, 1))
     white[2, 1], white[1, 3] = COLOURS[2], COLOURS[1]
-    np.testing.assert_array_equal(event_image(ClusterEvents(events, table, (4, 3))), white)
+    np.testing.assert_array_equal(event_image(ClusterEvents((events,), table, (4, 3))), white)
 
 
 def seen(landmarks: list[int], t: float) -> Measurements:

@@ -24,7 +24,7 @@ def camera(columns: int, rows: int, seed: int, noise: float = 0.02) -> ClusterEv
     seen |= np.random.default_rng(seed).random(seen.shape) < noise
     y, x = (index.astype(np.uint16) for index in np.nonzero(seen))
     events = Events(x, y, np.zeros(len(x)), np.ones(len(x), bool))
-    return ClusterEvents(events, TABLE, (WIDTH, HEIGHT))
+    return ClusterEvents((events,), TABLE, (WIDTH, HEIGHT))
 
 
 def said(columns: int, rows: int) -> list[str]:

@@ -13,7 +13,7 @@ def shown(points: np.ndarray, t: np.ndarray, shape: tuple[int, int]) -> ClusterE
     count = len(points)
     x, y = np.arange(count, dtype=np.uint16), np.zeros(count, np.uint16)
     events = Events(x, y, t, np.ones(count, bool))
-    return ClusterEvents(events, points[None].astype(np.float32), shape[::-1])
+    return ClusterEvents((events,), points[None].astype(np.float32), shape[::-1])
 
 
 def of_surface(surface: np.ndarray) -> ClusterEvents:
@@ -24,4 +24,4 @@ def of_surface(surface: np.ndarray) -> ClusterEvents:
     height, width = surface.shape
     table = np.dstack(np.meshgrid(np.arange(width), np.arange(height))).astype(np.float32)
     events = Events(x, y, surface[y, x], np.ones(len(x), bool))
-    return ClusterEvents(events, table, (width, height))
+    return ClusterEvents((events,), table, (width, height))

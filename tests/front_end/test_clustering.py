@@ -243,7 +243,7 @@ def test_surface_holds_the_latest_time_of_each_rectified_pixel(seed: int) -> Non
     pixel = row[inside].astype(int), column[inside].astype(int)
     np.maximum.at(expected, pixel, events.t[inside])
 
-    image = ClusterEvents(events, table, (WIDTH, HEIGHT))
+    image = ClusterEvents((events,), table, (WIDTH, HEIGHT))
     np.testing.assert_array_equal(image.surface_of_active_events, expected)
     assert image.event_count == len(events)
     raw_pixels = set(zip(events.x.tolist(), events.y.tolist(), strict=True))
@@ -258,5 +258,5 @@ def test_polarity_is_ignored() -> None:
     rng = np.random.default_rng(0)
     events, table = random_events(rng, 300, 1e-6), random_table(rng)
     opposite = Events(events.x, events.y, events.t, ~events.polarity)
-    a, b = (ClusterEvents(e, table, (WIDTH, HEIGHT)) for e in (events, opposite))
+    a, b = (ClusterEvents((e,), table, (WIDTH, HEIGHT)) for e in (events, opposite))
     np.testing.assert_array_equal(a.surface_of_active_events, b.surface_of_active_events)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -95,16 +96,25 @@ def test_the_right_image_motion_makes_pictures_as_sharp_as_a_still_camera(
 @given(seeds, st.sampled_from([0.5, 1.0, 1.9, 2.0, 7.3]))
 @settings(deadline=None, max_examples=30)
 def test_of_dense_events_one_of_several_is_drawn_as_bright(seed: int, times: float) -> None:
-    """Sums are those of the events that are drawn; at least as many as are enough."""
+    """Sums are those of the events that are drawn; at least as many as are enough.
+
+    Events that come in parts are the same.
+    """
     count = 4000
     events = spot(np.array([40.0, 30.0]), np.array([80.0, -30.0]), seed, count)
     density = count / times / (SHAPE[0] * SHAPE[1])
     every = max(1, int(times))
     given = events, constant_flow(np.zeros(2)), MIDDLE, 1
     image, everything = (CompensatedImage.of_events(*given, each) for each in (density, None))
-    drawn = replace(events, events=events.events[np.arange(0, count, every)])
+    drawn = replace(events, parts=(events.events[np.arange(0, count, every)],))
     alone = CompensatedImage.of_events(drawn, *given[1:])
     np.testing.assert_array_equal(image.sums, alone.sums)
+    cuts = np.sort(np.random.default_rng(seed).integers(0, count, 3))
+    ends = [0, *cuts.tolist(), count]
+    parts = tuple(events.events[first:last] for first, last in pairwise(ends))
+    in_parts = CompensatedImage.of_events(replace(events, parts=parts), *given[1:], density)
+    np.testing.assert_array_equal(in_parts.sums, image.sums)
+    assert in_parts.thinned == image.thinned
     assert image.thinned == count - drawn.event_count and everything.thinned == 0
     assert drawn.event_count >= count / times or every == 1
     means = [float(one.picture.mean()) for one in (image, everything)]

@@ -19,7 +19,7 @@ def cluster(seen: np.ndarray) -> StereoCluster:
     """Make a cluster with an event at each pixel of a mask, in both cameras."""
     y, x = (index.astype(np.uint16) for index in np.nonzero(seen))
     events = Events(x, y, np.full(len(x), 0.05), np.ones(len(x), bool))
-    side = ClusterEvents(events, np.zeros((*SHAPE, 2), np.float32), SHAPE[::-1])
+    side = ClusterEvents((events,), np.zeros((*SHAPE, 2), np.float32), SHAPE[::-1])
     return StereoCluster(0.0, 0.1, side, side)
 
 

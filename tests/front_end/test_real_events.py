@@ -50,7 +50,7 @@ def box_clusters(window: float) -> Iterator[tuple[StereoCluster, NDArray[np.floa
         sides = [now[now[:, 4] == side] for side in (0, 1)]
         left, right = (
             ClusterEvents(
-                Events(e[:, 1].astype(np.uint16), e[:, 2].astype(np.uint16), e[:, 0], e[:, 3] > 0),
+                (Events(*e[:, [1, 2]].T.astype(np.uint16), e[:, 0], e[:, 3] > 0),),
                 same,
                 resolution,
             )

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from recording_files import camchain, event_rows, write_mvsec
 
 from gpvo.errors import InputError
-from gpvo.recordings import Events, Recording, open_recording
+from gpvo.recordings import Events, Recording, event_batches, open_recording
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.files import mvsec
 from gpvo.recordings.files.mvsec import MvsecRecording
@@ -61,13 +61,16 @@ def files(tmp_path_factory: pytest.TempPathFactory, rows: tuple) -> tuple[Path, 
     start=st.floats(-0.2, 0.7),
     stop=st.one_of(st.just(np.inf), st.floats(-0.1, 0.8)),
     block=st.integers(1, 900),
+    most=st.integers(1, 300),
 )
 def test_batches_hold_every_event_once(
-    files: tuple, rows: tuple, length: float, start: float, stop: float, block: int
+    files: tuple, rows: tuple, length: float, start: float, stop: float, block: int, most: int
 ) -> None:
     recording = MvsecRecording(*files, batch_length=length)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mvsec, "BLOCK_ROWS", block)
+        patch.setattr(mvsec, "CACHED_ROWS", most)
+        patch.setattr(event_batches, "MOST", most)
         batches = list(recording.event_batches(start, stop))
     for side, table in zip(("left", "right"), rows, strict=True):
         parts = [getattr(batch, side) for batch in batches]

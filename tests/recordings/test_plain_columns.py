@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpvo.errors import InputError
+from gpvo.recordings import Events
 from gpvo.recordings.checks import columns
-from gpvo.recordings.checks.plain_columns import plain_events
+from gpvo.recordings.checks.plain_columns import fill_plain
 
 RESOLUTION = (40, 30)
 ORIGIN, LATEST = 1.5e9, 1.5e9 + 1.0
@@ -23,8 +24,9 @@ def table(seed: int, count: int) -> list[np.ndarray]:
     return [x, y, seconds, rng.choice([-1.0, 0.0, 1.0], count)]
 
 
-def plain(given: list[np.ndarray]) -> object:
-    return plain_events(*given, RESOLUTION, ORIGIN, LATEST)
+def plain(given: list[np.ndarray]) -> Events | None:
+    events = Events.empty(len(given[0]))
+    return events if fill_plain(events, *given, RESOLUTION, ORIGIN, LATEST) else None
 
 
 @given(seed=st.integers(0, 99), count=st.integers(1, 60))

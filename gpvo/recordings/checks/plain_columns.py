@@ -12,7 +12,8 @@ from gpvo.recordings.checks.columns import LATEST_SECONDS
 Column = NDArray[np.float64]
 
 
-def plain_events(
+def fill_plain(
+    events: Events,
     x: Column,
     y: Column,
     seconds: Column,
@@ -20,18 +21,16 @@ def plain_events(
     resolution: tuple[int, int],
     origin: float,
     latest: float,
-) -> Events | None:
-    """Return events with times since `origin`, seconds, or None if a column has a fault.
+) -> bool:
+    """Set events of the same number, with times since `origin`, seconds; False for any fault.
 
-    None is a time before `latest` or the row above, or what the checks of single columns refuse:
+    A fault is a time before `latest` or the row above, or what the checks of single columns refuse:
     they say what it is. One pass over all columns takes a fifth of the time of theirs.
     """
     if not (len(seconds) and seconds.dtype.isnative):
-        return None
-    pixels, ons = np.empty((2, len(x)), np.uint16), np.empty(len(x), np.bool_)
-    events = Events(pixels[0], pixels[1], seconds - origin, ons)
-    given = x, y, seconds, polarity
-    return events if _fill(*given, resolution, latest, events.x, events.y, ons) else None
+        return False
+    given = x, y, seconds, polarity, resolution, origin, latest
+    return _fill(*given, events.x, events.y, events.t, events.polarity)
 
 
 @kernel
@@ -41,12 +40,14 @@ def _fill(
     seconds: Column,
     polarity: Column,
     resolution: tuple[int, int],
+    origin: float,
     latest: float,
     columns: NDArray[np.uint16],
     rows: NDArray[np.uint16],
+    t: NDArray[np.float64],
     ons: NDArray[np.bool_],
 ) -> bool:
-    """Set the pixels and polarities; return whether no column has a fault."""
+    """Set the events' columns; return whether no given column has a fault."""
     plain = abs(seconds[0]) < LATEST_SECONDS and abs(seconds[-1]) < LATEST_SECONDS
     plain &= seconds[0] >= latest
     for i in range(1, len(seconds)):
@@ -55,5 +56,5 @@ def _fill(
         u, v, sign = np.int32(x[i]), np.int32(y[i]), polarity[i]
         plain &= u == x[i] and v == y[i] and 0 <= u < resolution[0] and 0 <= v < resolution[1]
         plain &= sign == 1.0 or sign == -1.0 or sign == 0.0
-        columns[i], rows[i], ons[i] = u, v, sign == 1.0
+        columns[i], rows[i], t[i], ons[i] = u, v, seconds[i] - origin, sign == 1.0
     return plain

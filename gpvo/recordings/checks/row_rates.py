@@ -71,9 +71,7 @@ class RowRates:
         each = MOST * max(batch.stop - batch.start, BIN)
         for side, events in enumerate((batch.left, batch.right)):
             some = int(len(events) / each) + 1
-            # By their numbers, so that the columns are contiguous: kernels are compiled for these.
-            counted = events if some == 1 else events[np.arange(0, len(events), some)]
-            self._count(side, counted, some, first, stop)
+            self._count(side, events, some, first, stop)
 
     def counts(self) -> NDArray[np.float32]:
         """Return the numbers (2, bands, bins) of left and right camera, without the newest bin."""
@@ -92,10 +90,10 @@ class RowRates:
         self._counts[:, :, : known.shape[2]] = known
 
     def _count(self, side: int, events: Events, some: int, first: int, stop: int) -> None:
-        """Add the events of the bins from `first` to before `stop`, `some` times their weights."""
+        """Add one of `some` events of the bins from `first` to before `stop`, as if it were all."""
         count = np.zeros((2 * BANDS, stop - first), np.float32)
         columns = events.x, events.y, events.t, events.polarity
-        _add_weights(count, *self._pixels[side], *columns, first)
+        _add_weights(count, *self._pixels[side], *columns, some, first)
         place = slice(first - self._first, stop - self._first)
         self._counts[side, :, place] += some * count
 
@@ -129,10 +127,11 @@ def _add_weights(
     y: NDArray[np.uint16],
     t: NDArray[np.float64],
     polarity: NDArray[np.bool_],
+    some: int,
     first: int,
 ) -> None:
-    """Add events (N,) to the numbers (2 bands, bins) from a first bin on."""
-    for i in range(len(t)):
+    """Add the first of each `some` events (N,) to the numbers (2 bands, bins) from a bin on."""
+    for i in range(0, len(t), some):
         column = min(np.int64(x[i]), band.shape[1] - 1)
         row = np.int64(band[y[i], column])
         time = min(np.int64(t[i] / BIN) - first, counts.shape[1] - 1)  # t may be rounded up
