@@ -155,9 +155,9 @@ class Odometry:
                 self._estimates.start(self._estimate, cluster, tracked, report, batches)
 
     def _clusters(self, batches: Iterable[StereoEvents]) -> Iterator[StereoCluster]:
-        """Cut a whole stream into clusters; events are read and filtered beside this."""
-        clustering = self._front_end.clustering
-        filtered = ((batch, clustering.without_noise(batch)) for batch in batches)
+        """Cut a whole stream into clusters; events are read, and filtered, beside this."""
+        clustering, read = self._front_end.clustering, prefetched(iter(batches), ahead=4)
+        filtered = ((batch, clustering.without_noise(batch)) for batch in read)
         for batch, without_noise in prefetched(filtered):
             yield from self._completed(batch, without_noise)
         yield from clustering.end()

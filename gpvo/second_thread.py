@@ -93,11 +93,14 @@ def in_halves(work: Callable[[slice], object], count: int) -> None:
 
 def prefetched(items: Iterator[T], ahead: int = 16) -> Iterator[T]:
     """The same items, made in a thread of its own up to some ahead of the one that is in use."""
-    with ThreadPoolExecutor(1) as thread:
+    thread = ThreadPoolExecutor(1)
+    try:
         coming = deque(thread.submit(next, items, None) for _ in range(ahead))
         while (item := coming.popleft().result()) is not None:
             coming.append(thread.submit(next, items, None))
             yield item
+    finally:
+        thread.shutdown(cancel_futures=True)
 
 
 def _renew() -> None:
