@@ -101,8 +101,8 @@ def grouped(cluster: StereoCluster) -> StereoCluster:
     middle = 0.5 * (cluster.start + cluster.stop)
 
     def flat(image: ClusterEvents) -> ClusterEvents:
-        events = replace(image.events, t=np.full(len(image.events), middle))
-        return replace(image, events=events)
+        events = replace(image.events, t=np.full(image.event_count, middle))
+        return replace(image, parts=(events,))
 
     return replace(cluster, left=flat(cluster.left), right=flat(cluster.right))
 
