@@ -81,7 +81,8 @@ class FinalStates:
         self._begin, self.settling = np.inf, States()
 
     def _keep(self, states: States) -> None:
-        self._final += [states] if len(states) else []
+        # A copy: a view would hold the memory of the settling states, too, of each moment.
+        self._final += [States.concatenate([states])] if len(states) else []
 
 
 def share_correction(states: States, start: float, end: States) -> States:

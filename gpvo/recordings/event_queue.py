@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from itertools import takewhile
 
 import numpy as np
 
@@ -16,10 +17,10 @@ class EventQueue:
     """
 
     def __init__(self) -> None:
-        self._parts = deque[Events]()
+        self._parts, self._count = deque[Events](), 0
 
     def __len__(self) -> int:
-        return sum(map(len, self._parts))
+        return self._count
 
     @property
     def first(self) -> float:
@@ -35,18 +36,22 @@ class EventQueue:
         """Add the next events of the stream."""
         if len(events):
             self._parts.append(events)
+            self._count += len(events)
 
     def count_before(self, stop: float) -> int:
         """Return the number of events before a time, seconds."""
-        return sum(int(np.searchsorted(part.t, stop)) for part in self._parts)
+        begun = takewhile(lambda part: part.t[0] < stop, self._parts)
+        return sum(int(np.searchsorted(part.t, stop)) for part in begun)
 
     def time_of(self, number: int) -> float:
         """Return the time of an event, counted from 0, in seconds; inf if there are not so many."""
+        if number >= self._count:
+            return np.inf
         for part in self._parts:
             if number < len(part):
-                return float(part.t[number])
+                break
             number -= len(part)
-        return np.inf
+        return float(part.t[number])
 
     def take(self, stop: float) -> tuple[Events, ...]:
         """Remove the events before a time, seconds, and return their parts."""
@@ -55,6 +60,7 @@ class EventQueue:
             part = self._parts.popleft()
             split = int(np.searchsorted(part.t, stop))
             taken.append(part[:split])
+            self._count -= split
             if split < len(part):
                 self._parts.appendleft(part[split:])
         return tuple(taken)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from itertools import pairwise
 
 import numpy as np
@@ -86,3 +87,15 @@ def test_states_are_final_when_they_have_settled() -> None:
     assert len(kept[-1]) >= 4 * 6
     final.end_segment(path(rng, np.array([1.0, 1.1])))
     assert len(final.settling) == 0 and final.after(0.9).t.tolist()[-2:] == [1.0, 1.1]
+
+
+def test_no_more_memory_is_held_than_states() -> None:
+    """Views of the final ones held the settling states of each moment, five pieces of them."""
+    rng, final = np.random.default_rng(3), FinalStates(settling=0.5)
+    tracemalloc.start()
+    for begin in 0.1 * np.arange(60):
+        piece = path(rng, begin + np.linspace(0, 0.1, 50))
+        final.extend(piece, piece[-1:])
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert 59 * 49 * 184 <= final.nbytes < held < 1.3 * final.nbytes
