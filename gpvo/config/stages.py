@@ -18,7 +18,12 @@ class StageConfig(BaseModel):
 class ClusteringConfig(StageConfig):
     """Section III-A.1: when a cluster of events ends."""
 
-    window: float = Field(default=0.1, gt=0, description="Longest duration of a cluster, seconds.")
+    window: float = Field(
+        default=0.25,
+        gt=0,
+        description="Longest duration of a cluster, seconds: that of slow motion, and of a camera "
+        "at rest. 0.1 in the paper.",
+    )
     motion: float = Field(
         default=2.2,
         gt=0,
@@ -73,8 +78,8 @@ class ClusteringConfig(StageConfig):
     background_filter: float | None = Field(
         default=None,
         ge=0,
-        description="Drop events without another one in the pixels around within this time before, "
-        "seconds; 0 keeps all, null finds the time from the background activity while the stream "
+        description="Drop events without two of the same polarity in the pixels around within this "
+        "time before, seconds; 0 keeps all, null finds the time from the background activity while the stream "
         "runs, and leaves a clean stream alone.",
     )
     hot_pixel_ratio: float = Field(

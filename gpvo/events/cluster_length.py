@@ -16,8 +16,12 @@ from gpvo.recordings import StereoRig
 
 FIRST = 0.2
 """Events per pixel that end a cluster while the image motion is unknown."""
+SHORT = 0.1
+"""Duration up to which slow motion is trusted to stay so, and longest one while it is unknown."""
+SHARE = 0.4
+"""Share of the acceleration that slow motion is expected to go on with: some of it is noise."""
 LEAST = 0.05
-"""Events per pixel that a cluster may always have."""
+"""Events per pixel that a cluster may always have, and that slow motion is given time for."""
 APART = 2.0
 """Times the blur that contours may leave a constant motion from a cluster's begin to the next."""
 SURGE = 2.0
@@ -53,13 +57,15 @@ class ClusterLength:
     their acceleration a for how long a motion of constant speed is right: T seconds from the middle
     of a cluster of 2 T seconds they are a T^2 / 2 away from it, which may be `config.blur`. The
     longer time counts. Until the motion is known, and where it surges, the number of events ends a
-    cluster.
+    cluster. Slow motion may become fast meanwhile: beyond `SHORT` its clusters last until contours
+    would have moved as far at their acceleration, too, or until there are enough events to see it.
     """
 
     def __init__(self, config: ClusteringConfig, rig: StereoRig) -> None:
         width, height = rig.left.resolution
         self._config, self._pixels = config, width * height
         self._counts: deque[int] = deque(maxlen=REMEMBERED)
+        self._rate = inf
 
     def limits(self, image_motion: ImageMotion | None) -> tuple[float, int]:
         """Return the longest duration, seconds, and the most events of either camera."""
@@ -67,15 +73,25 @@ class ClusterLength:
         if config.max_events is not None:
             return config.window, config.max_events
         if image_motion is None:
-            return config.window, round(FIRST * self._pixels)
+            return min(SHORT, config.window), round(FIRST * self._pixels)
         usual = SURGE * float(median(self._counts)) if self._counts else 0.0
         return self._duration(image_motion), round(max(usual, LEAST * self._pixels))
 
     def _duration(self, motion: ImageMotion) -> float:
         config = self._config
         by_motion = config.motion / max(motion.speed, 1e-9)
+        by_motion = min(by_motion, max(SHORT, self._still_slow(motion), self._enough_events()))
         sharp = max(config.shortest, min(config.steady, self._constant(motion)))
         return min(config.window, max(by_motion, sharp))
+
+    def _still_slow(self, motion: ImageMotion) -> float:
+        """Return the time in which contours move by `config.motion` if they go on accelerating."""
+        speed, way = max(motion.speed, 1e-9), self._config.motion
+        return 2 * way / (speed + sqrt(speed**2 + 2 * SHARE * motion.acceleration * way))
+
+    def _enough_events(self) -> float:
+        """Return the time in which the latest rate of events gives LEAST of them."""
+        return LEAST * self._pixels / max(self._rate, 1.0)
 
     def _constant(self, motion: ImageMotion) -> float:
         """Return for how long a motion of constant speed is right."""
@@ -94,10 +110,11 @@ class ClusterLength:
         constant = sqrt(APART) * self._constant(motion)
         return max(duration, min(config.spacing * duration, near, known, constant))
 
-    def add(self, events: int) -> None:
-        """Remember the number of events of a cluster, in the camera that had more.
+    def add(self, events: int, duration: float) -> None:
+        """Remember the number of events of a cluster of so many seconds, in the camera with more.
 
         Clusters of a camera at rest do not say what is usual in motion.
         """
+        self._rate = events / duration
         if events >= LEAST * self._pixels:
             self._counts.append(events)

@@ -268,7 +268,7 @@ class Clustering:
         ):
             self._flash += duration
             return
-        self._length.add(max(left.event_count, right.event_count))
+        self._length.add(max(left.event_count, right.event_count), duration)
         yield cluster
         self._flash = 0.0
 

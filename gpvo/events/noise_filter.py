@@ -29,8 +29,12 @@ QUIET = 0.25
 """Share of the blocks with events that are taken for noise alone, the quietest ones."""
 CLEAN = 0.75
 """Noise rate below which a stream is left alone, events per pixel and second."""
-LET_THROUGH = 0.25
-"""Share of the background activity that may pass: 8 pixels have noise of their own."""
+FEW = 0.1
+"""Share of the events below which noise does no harm: in fast motion there are many others."""
+SUPPORTERS = 2
+"""Pixels around an event of a contour that had one of the same polarity shortly before."""
+EXPECTED = 0.53
+"""Mean number of them that noise has by chance: a tenth of it has two or more, and passes."""
 LEAST_HOT = 20
 """Number of recent events up to which a pixel is never judged hot."""
 
@@ -63,9 +67,11 @@ class Noise:
 class EventFilter:
     """Noise filter of one camera, which remembers its pixels between batches.
 
-    An event stays if one of the pixels around had one within a support time before (Delbruck,
-    "Frame-free dynamic digital vision", 2008). The time is set, or follows from the noise rate so
-    that the share 1 - exp(-8 rate time) = LET_THROUGH of the noise passes.
+    An event stays if SUPPORTERS of the pixels around had their latest one within a support time
+    before, of the same polarity: after Delbruck, "Frame-free dynamic digital vision", 2008, where
+    it is one of any polarity. Contours are lines and keep their polarity, so that the time may be
+    as long as slow ones need. It is set, or follows from the noise rate: noise has EXPECTED such
+    pixels.
 
     An event that repeats pixel and time of the one before is left out: a topic that was recorded
     twice does no harm. What it says of a time follows from the events before that time, however
@@ -74,11 +80,13 @@ class EventFilter:
 
     def __init__(self, resolution: tuple[int, int], config: ClusteringConfig) -> None:
         width, height = resolution
-        # Of each pixel the time of the latest event, seconds since the window began, and the number
-        # of recent events. A border of one pixel, so that every pixel has eight neighbours. They
-        # are read and written at random, which takes a third less time in 32 bits.
+        # Of each pixel the time of the latest event, seconds since the window began, the number of
+        # recent events, and whether the latest one is an ON event. A border of one pixel, so that
+        # every pixel has eight neighbours. They are read and written at random, which takes a third
+        # less time in 32 bits.
         self._latest = np.full((height + 2, width + 2), -np.inf, np.float32)
         self._recent = np.zeros_like(self._latest)
+        self._on = np.zeros(self._latest.shape, np.bool_)
         self._isolated = np.zeros((height // BLOCK + 1, width // BLOCK + 1), np.int64)
         self._seen = np.zeros_like(self._isolated)
         rows, columns = map(_block_lengths, (height, width))
@@ -131,17 +139,14 @@ class EventFilter:
     def _begin(self, window: int, t: float) -> None:
         """Find the noise rate of the window that ended, if one begins with the event at `t`."""
         if self._window is not None and window != self._window:
-            rate, before = (
-                noise_rate(self._isolated, self._seen, self._exposure),
-                self._noise[-1],
-            )
+            rate, before = noise_rate(self._isolated, self._seen, self._exposure), self._noise[-1]
             if np.isfinite(before.begin):
                 rate = 0.7 * before.rate + 0.3 * rate if self._is_whole else before.rate
             self._is_whole = True
-            noisy = rate >= CLEAN
+            noisy = rate >= max(CLEAN, FEW * self._seen.sum() / self._exposure.sum())
             if self._automatic:
                 self._support = support_time(rate) if noisy else 0.0
-            share = 1 - np.exp(-8 * rate * self._support) if self._support > 0 else 1.0
+            share = passing_share(rate, self._support) if self._support > 0 else 1.0
             self._noise.append(Noise(window * WINDOW, t, rate, rate * share if noisy else 0.0))
             self._isolated[:], self._seen[:] = 0, 0
             self._latest -= (window - self._window) * WINDOW
@@ -154,8 +159,10 @@ class EventFilter:
             events.x,
             events.y,
             events.t,
+            events.polarity,
             begin,
             self._latest,
+            self._on,
             self._recent,
             self._isolated,
             self._seen,
@@ -195,8 +202,17 @@ def window_of(t: float) -> int:
 
 
 def support_time(rate: float) -> float:
-    """Return the time in which a neighbour must have fired, seconds, at a noise rate."""
-    return float(-np.log(1 - LET_THROUGH) / (8 * rate))
+    """Return the time in which pixels around must have fired, seconds, at a noise rate.
+
+    Noise has half of its events in each polarity.
+    """
+    return EXPECTED / (4 * rate)
+
+
+def passing_share(rate: float, support: float) -> float:
+    """Return the share of the noise that has two or more supporters within a time, seconds."""
+    expected = 4 * rate * support
+    return float(1 - (1 + expected) * np.exp(-expected))
 
 
 def _block_lengths(length: int) -> NDArray[np.int64]:
@@ -228,8 +244,10 @@ def _judge(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     t: NDArray[np.float64],
+    polarity: NDArray[np.bool_],
     begin: float,
     latest: NDArray[np.float32],
+    on: NDArray[np.bool_],
     recent: NDArray[np.float32],
     isolated: NDArray[np.int64],
     seen: NDArray[np.int64],
@@ -247,10 +265,13 @@ def _judge(
             fate[i] = HOT
             continue
         age, block = now - _newest_around(latest, row, column), (y[i] // BLOCK, x[i] // BLOCK)
-        latest[row, column] = now
+        latest[row, column], on[row, column] = now, polarity[i]
         seen[block] += 1
         isolated[block] += age > ISOLATED
-        fate[i] = BACKGROUND if support > 0 and age > support else KEPT
+        is_noise = support > 0 and (
+            age > support or not _is_supported(latest, on, row, column, np.float32(now - support))
+        )
+        fate[i] = BACKGROUND if is_noise else KEPT
 
 
 @kernel
@@ -261,6 +282,23 @@ def _newest_around(latest: NDArray[np.float32], row: int, column: int) -> np.flo
     newest = max(above[left], above[column], above[right])
     newest = max(newest, at[left], at[right])
     return max(newest, below[left], below[column], below[right])
+
+
+@kernel
+def _is_supported(
+    latest: NDArray[np.float32], on: NDArray[np.bool_], row: int, column: int, since: np.float32
+) -> bool:
+    """Check that SUPPORTERS of the eight pixels around had their latest event since a time.
+
+    Only those of the pixel's own polarity count.
+    """
+    count, own, left, right = 0, on[row, column], column - 1, column + 1
+    for r in (row - 1, row, row + 1):
+        times, signs = latest[r], on[r]
+        count += (times[left] >= since) & (signs[left] == own)
+        count += (times[column] >= since) & (signs[column] == own) & (r != row)
+        count += (times[right] >= since) & (signs[right] == own)
+    return count >= SUPPORTERS
 
 
 @kernel

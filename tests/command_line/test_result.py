@@ -10,7 +10,7 @@ from rich.console import Console
 
 from gpvo import Odometry
 from gpvo.commands.result import Result
-from gpvo.events.noise_filter import LET_THROUGH, WINDOW
+from gpvo.events.noise_filter import WINDOW, passing_share, support_time
 from gpvo.simulation import SimulationConfig, simulate
 from gpvo.tracking import TrackingReport
 
@@ -54,7 +54,8 @@ def test_noise_that_was_left_out_is_said_with_its_rate() -> None:
     share = metrics["background_left_out_percent"] / 100
     assert 0.3 * NOISE * pixels < metrics["events"] * share / (1 - share) / ROOM.duration
     # All noise passes for the first 0.1 s, then the share that is let through.
-    passed = NOISE * pixels * (WINDOW + 1.1 * LET_THROUGH * (ROOM.duration - WINDOW))
+    share_passing = passing_share(NOISE, support_time(NOISE))
+    passed = NOISE * pixels * (WINDOW + 1.1 * share_passing * (ROOM.duration - WINDOW))
     assert metrics["events"] < clean.metrics()["run"]["events"] + passed
     row = rows(result)["noise left out"]
     assert row.startswith(f"{100 * share:.1f} % background activity (")

@@ -13,6 +13,8 @@ from gpvo.events.cluster_length import (
     FIRST,
     LEAST,
     REMEMBERED,
+    SHARE,
+    SHORT,
     SURGE,
     ClusterLength,
     ImageMotion,
@@ -33,7 +35,7 @@ KNOWN = st.builds(ImageMotion, st.floats(0, 1e5), ACCELERATION, ACCELERATION)
 MOTION = st.none() | KNOWN
 
 
-@given(st.floats(0, 1e5), st.floats(0.5, 5), st.floats(0.02, 0.5), st.floats(0, 0.02))
+@given(st.floats(0, 1e5), st.floats(0.5, 5), st.floats(0.02, SHORT), st.floats(0, 0.02))
 def test_contours_move_by_the_motion_within_a_cluster_of_bounded_duration(
     speed: float, motion: float, window: float, shortest: float
 ) -> None:
@@ -55,7 +57,29 @@ def test_contours_in_fast_motion_leave_a_constant_one_by_the_blur_within_a_clust
     assert at_bound or acceleration * (duration / 2) ** 2 / 2 == pytest.approx(blur)
 
 
-@given(st.floats(0, 1e5), ACCELERATION)
+@given(st.floats(0.5, 5), st.floats(0.1, 10), st.floats(0, 1e4))
+def test_slow_contours_move_as_far_while_they_accelerate(
+    motion: float, speed: float, acceleration: float
+) -> None:
+    limits = length((240, 180), motion=motion, window=10.0, blur=1e-9).limits
+    duration, _ = limits(ImageMotion(speed, acceleration))
+    moved = duration * speed + SHARE * acceleration * duration**2 / 2
+    shortest = min(SHORT, motion / speed)
+    assert shortest <= duration <= 10.0
+    assert duration == pytest.approx(shortest) or duration == 10.0 or moved == pytest.approx(motion)
+
+
+def test_slow_motion_with_few_events_has_time_for_enough() -> None:
+    known, unsteady = length((240, 180)), ImageMotion(10.0, 1e6)
+    assert known.limits(unsteady)[0] == SHORT
+    known.add(round(LEAST * 240 * 180 / 2), SHORT)  # half of what is enough
+    assert known.limits(unsteady)[0] == pytest.approx(2 * SHORT)
+    assert known.limits(ImageMotion(44.0, 1e6))[0] == pytest.approx(0.05)  # not in fast motion
+    known.add(10**6, SHORT)
+    assert known.limits(unsteady)[0] == SHORT
+
+
+@given(st.floats(22, 1e5), ACCELERATION)
 def test_the_longer_of_both_times_counts(speed: float, acceleration: float) -> None:
     limits = length((240, 180)).limits
     alone = (ImageMotion(speed), ImageMotion(1e9, acceleration))
@@ -87,21 +111,21 @@ def test_clusters_follow_each_other_until_the_noise_of_the_motion_is_known() -> 
 @pytest.mark.parametrize("size", SIZES)
 def test_events_end_a_cluster_while_the_speed_is_unknown(size: tuple[int, int]) -> None:
     pixels = size[0] * size[1]
-    assert length(size).limits(None) == (0.1, round(FIRST * pixels))
+    assert length(size).limits(None) == (SHORT, round(FIRST * pixels))
     assert length(size).limits(ImageMotion(50.0))[1] == round(LEAST * pixels)
 
 
 def test_a_surge_of_events_ends_a_cluster() -> None:
     known = length((240, 180))
     for events in [*[10**6] * REMEMBERED, *[30_000] * REMEMBERED]:
-        known.add(events)
+        known.add(events, 0.05)
     assert known.limits(ImageMotion(50.0))[1] == SURGE * 30_000
-    known.add(10**9)  # one cluster does not say what is usual
+    known.add(10**9, 0.05)  # one cluster does not say what is usual
     assert known.limits(ImageMotion(50.0))[1] == SURGE * 30_000
 
 
 @given(MOTION)
 def test_a_number_of_events_that_is_set_is_the_only_one(motion: ImageMotion | None) -> None:
     fixed = length((240, 180), max_events=5000, window=0.2)
-    fixed.add(10**6)
+    fixed.add(10**6, 0.05)
     assert fixed.limits(motion) == (0.2, 5000)

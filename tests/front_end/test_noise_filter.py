@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from shown_events import of_surface
 
 from gpvo.config import ClusteringConfig
-from gpvo.events.noise_filter import LEAST_HOT, LET_THROUGH, EventFilter
+from gpvo.events.noise_filter import (
+    EXPECTED,
+    LEAST_HOT,
+    SUPPORTERS,
+    EventFilter,
+    passing_share,
+    support_time,
+)
 from gpvo.recordings import Events
 
 WIDTH, HEIGHT = 12, 9
@@ -59,13 +66,19 @@ def together(*parts: Events) -> Events:
 
 @given(st.integers(0, 2**32), st.sampled_from([0.005, 0.02, 0.1]))
 @settings(deadline=None, max_examples=30)
-def test_kept_is_what_has_a_recent_neighbour(seed: int, duration: float) -> None:
+def test_kept_is_what_pixels_around_support(seed: int, duration: float) -> None:
+    """Their latest events are recent, and of the same polarity."""
     events = random_events(seed)
-    x, y = events.x.astype(int), events.y.astype(int)
+    latest: dict[tuple[int, int], tuple[float, bool]] = {}
     expected = []
-    for i in range(len(events)):
-        distance = np.maximum(np.abs(x[:i] - x[i]), np.abs(y[:i] - y[i]))
-        expected.append(bool((events.t[i] - events.t[:i][distance == 1] <= duration).any()))
+    for x, y, t, on in zip(
+        events.x.tolist(), events.y.tolist(), events.t, events.polarity, strict=True
+    ):
+        around = [(x + a, y + b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]
+        known = [latest[pixel] for pixel in around if pixel in latest]
+        supporters = sum(t - before <= duration and of == on for before, of in known)
+        expected.append(supporters >= SUPPORTERS)
+        latest[x, y] = t, on
     np.testing.assert_array_equal(
         filtered(events, background_filter=duration).t, events.t[expected]
     )
@@ -146,11 +159,30 @@ def test_noise_rate_is_found_beside_moving_contours(
     kept = noise_filter(events)
     found = noise_filter.noise(3.0, np.inf)
     assert found.rate == pytest.approx(rate, rel=0.2)
-    assert found.passing == pytest.approx(LET_THROUGH * found.rate)
+    expected = 1 - (1 + EXPECTED) * np.exp(-EXPECTED)
+    assert passing_share(rate, support_time(rate)) == pytest.approx(expected)
+    assert found.passing == pytest.approx(expected * found.rate)
     if not moving:  # of noise alone, what passes is what was expected
         share = len(kept.between(1.0, 3.0)) / len(noise.between(1.0, 3.0))
-        assert share == pytest.approx(LET_THROUGH, rel=0.2)
+        assert share == pytest.approx(expected, rel=0.2)
         assert sum(noise_filter.left_out(np.inf)) == len(noise) - len(kept)
+
+
+@pytest.mark.parametrize("period", [0.005, 0.02, 0.05])
+def test_slow_contours_stay_among_noise(period: float) -> None:
+    """Each row of an edge goes from column to column in its own moment."""
+    size, rows = (96, 64), np.arange(64)
+    columns = np.arange(int(3.0 / period) - 1)
+    when = np.random.default_rng(0).random(len(rows))
+    t = period * (np.repeat(columns, len(rows)) + np.tile(when, len(columns)))
+    x, y = np.repeat(columns % 96, len(rows)), np.tile(rows, len(columns))
+    contour = Events(x.astype(np.uint16), y.astype(np.uint16), t, np.ones(len(t), bool))
+    contour = contour[np.argsort(t, kind="stable")]
+    noise = poisson(2.0, size, 3.0)
+    kept = EventFilter(size, ClusteringConfig())(together(contour, noise)).between(1.0, 3.0)
+    is_contour = np.isin(kept.t, contour.t)
+    assert is_contour.sum() > 0.9 * len(contour.between(1.0, 3.0))
+    assert (~is_contour).sum() < 0.3 * len(noise.between(1.0, 3.0))
 
 
 def test_a_window_that_misses_events_does_not_change_the_noise_rate() -> None:
