@@ -79,8 +79,8 @@ class ClusteringConfig(StageConfig):
         default=None,
         ge=0,
         description="Drop events without two of the same polarity in the pixels around within this "
-        "time before, seconds; 0 keeps all, null finds the time from the background activity while the stream "
-        "runs, and leaves a clean stream alone.",
+        "time before, seconds; 0 keeps all, null finds the time from the background activity while "
+        "the stream runs, and leaves a clean stream alone.",
     )
     hot_pixel_ratio: float = Field(
         default=10.0,

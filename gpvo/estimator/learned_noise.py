@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors import StructurelessStereoFactor
 from gpvo.config.stages import NoiseConfig
 from gpvo.estimator.graph_update import NumberedStates
 from gpvo.estimator.measurement_noise import MeasurementNoise
 from gpvo.estimator.motion_noise import MotionNoise
+from gpvo.estimator.window_landmarks import WindowLandmarks
 from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
@@ -35,12 +35,14 @@ class LearnedNoise:
         self._motion.learn(states, covariance, linearized)
         self._set(acceleration_psd=self._motion.qc)
 
-    def learn_errors(self, factor: StructurelessStereoFactor, window: NumberedStates) -> None:
-        """Learn R from a factor of measurements in the window, if that is due."""
-        t = float(window.states.t[-1])
-        if self.now.measurement_memory > 0 and self._errors.is_due(t):
+    def learn_errors(self, landmarks: WindowLandmarks, window: NumberedStates) -> None:
+        """Learn R from the measurements in the window, if that is due."""
+        t, factor, interval = float(window.states.t[-1]), landmarks.factor, landmarks.interval
+        if factor is None or interval is None or self.now.measurement_memory == 0:
+            return
+        if self._errors.is_due(t):
             residuals = factor.residuals(window.values()) / factor.deviations
-            self._errors.learn(t, residuals, factor.redundancy)
+            self._errors.learn(t, residuals, factor.redundancy, interval)
             self._set(measurement_information=self._errors.information)
 
     def _set(self, **learned: Array) -> None:

@@ -2,7 +2,8 @@
 
 Errors of consecutive measurements of a track are alike: they are of the same patch, on images that
 share their contours. What is left of them after the fit is therefore less than what they are off,
-and many of them say less than as many independent ones. CORRELATED accounts for both.
+and many of them say less than as many independent ones. Both grow with the number of measurements
+in the time ALIKE, for which the variance counts as many times.
 """
 
 from __future__ import annotations
@@ -12,8 +13,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-CORRELATED = 6.0
-"""Variance that measurements of tracks count with, over that of their residuals."""
+ALIKE = 0.65
+"""Time for which the errors of a track's measurements are alike, seconds.
+
+With it the NEES of poses is about 1 from slow to fast motion, on simulated recordings.
+"""
+USUAL = 6.0
+"""Number of measurements of a track that are alike, before it is known."""
 LEAST, MOST = 0.02, 100.0
 """Bounds of what is learned, as a share of the variance at the start."""
 STEPS = 20
@@ -35,21 +41,24 @@ class MeasurementNoise:
 
     def __init__(self, start: Array, memory: float) -> None:
         self._start, self._memory, self._until = start, memory, -np.inf
-        self._squares, self._redundancy = TRUST / CORRELATED, TRUST
+        self._squares, self._redundancy, self._alike = TRUST / USUAL, TRUST, USUAL
 
     @property
     def information(self) -> Array:
         """(3,) present diagonal of R^-1."""
-        scale = CORRELATED * self._squares / self._redundancy
+        scale = self._alike * self._squares / self._redundancy
         return self._start / float(np.clip(scale, LEAST, MOST))
 
     def is_due(self, t: float) -> bool:
         """Tell whether enough is new since it learned last, at a time in seconds."""
         return t - self._until >= self._memory / STEPS
 
-    def learn(self, t: float, residuals: Array, redundancy: int) -> None:
-        """Add what a fit leaves of measurements (N, 3), pixels, and its degrees of freedom."""
+    def learn(self, t: float, residuals: Array, redundancy: int, interval: float) -> None:
+        """Add what a fit leaves of measurements (N, 3), pixels, and its degrees of freedom.
+
+        The interval is the mean time between consecutive measurements of a track, seconds.
+        """
         keep = np.exp(-min(t - self._until, 10 * self._memory) / self._memory)
-        self._until = t
+        self._until, self._alike = t, max(1.0, ALIKE / interval)
         self._squares = keep * self._squares + float((residuals**2 @ self._start).sum())
         self._redundancy = keep * self._redundancy + redundancy

@@ -314,8 +314,7 @@ class FixedLagSmoother:
         solved, steady = window.keys[: window.solved], not self._reckoning.in_window
         if steady and len(solved) > 1 and self._learned.now.motion_memory > 0:
             self._learned.learn_motion(solved, window.covariance(), window.linearized())
-        if window.landmarks.factor is not None:
-            self._learned.learn_errors(window.landmarks.factor, window.numbered)
+        self._learned.learn_errors(window.landmarks, window.numbered)
 
     def _let_leave(self) -> None:
         """Let the oldest states leave, and go on with the noise that was learned."""

@@ -116,6 +116,14 @@ class WindowLandmarks:
         """The factor in the graph, None if there is none."""
         return self._factor
 
+    @property
+    def interval(self) -> float | None:
+        """Mean time between consecutive measurements of a landmark, seconds; None if unknown."""
+        order = np.lexsort((self.measurements.t, self.measurements.landmark))
+        t, landmark = self.measurements.t[order], self.measurements.landmark[order]
+        intervals = np.diff(t)[landmark[1:] == landmark[:-1]]
+        return float(intervals.mean()) if len(intervals) else None
+
     def points(self, window: NumberedStates) -> tuple[NDArray[np.int64], Array]:
         """Return (L,) identities of the landmarks and the (L, 3) points that fit best."""
         if self._factor is None:

@@ -17,7 +17,7 @@ from gpvo.recordings import StereoRig
 FIRST = 0.2
 """Events per pixel that end a cluster while the image motion is unknown."""
 SHORT = 0.1
-"""Duration up to which slow motion is trusted to stay so, and longest one while it is unknown."""
+"""Duration, seconds, up to which slow motion is trusted to stay so, and while it is unknown."""
 SHARE = 0.4
 """Share of the acceleration that slow motion is expected to go on with: some of it is noise."""
 LEAST = 0.05
@@ -73,7 +73,8 @@ class ClusterLength:
         if config.max_events is not None:
             return config.window, config.max_events
         if image_motion is None:
-            return min(SHORT, config.window), round(FIRST * self._pixels)
+            duration = min(config.window, max(SHORT, self._enough_events()))
+            return duration, round(FIRST * self._pixels)
         usual = SURGE * float(median(self._counts)) if self._counts else 0.0
         return self._duration(image_motion), round(max(usual, LEAST * self._pixels))
 

@@ -10,7 +10,7 @@ from factors import wnoa_square_root_covariance
 from factors.lie import se3_exp, se3_right_jacobian
 from gpvo.config import Configuration, NoiseConfig
 from gpvo.estimator import FixedLagSmoother
-from gpvo.estimator.measurement_noise import CORRELATED
+from gpvo.estimator.measurement_noise import ALIKE
 from gpvo.estimator.motion_noise import MotionNoise, wnoa_errors
 from gpvo.trajectory.states import States
 
@@ -82,12 +82,13 @@ def test_the_smoother_finds_a_livelier_motion(scale: float) -> None:
 
 @pytest.mark.parametrize("deviation", [0.5, 3.0])
 def test_the_smoother_finds_the_scale_of_the_measurements(deviation: float) -> None:
-    """Independent errors, which tracks do not have, count CORRELATED times."""
+    """Independent errors, which tracks do not have, count as many times as there are in ALIKE."""
     start = NoiseConfig(track_drift=0.0, measurement_memory=5.0)
     information = tuple(x / deviation**2 for x in start.measurement_information)
     found = learned(start.model_copy(update={"measurement_information": information}), start)
     ratio = np.array(information) / found.measurement_information
-    np.testing.assert_allclose(ratio, CORRELATED, rtol=0.25)
+    period = TrackletSimulation(start).period
+    np.testing.assert_allclose(ratio, ALIKE / period, rtol=0.25)
 
 
 def test_given_noise_is_kept() -> None:
