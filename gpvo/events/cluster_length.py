@@ -73,8 +73,7 @@ class ClusterLength:
         if config.max_events is not None:
             return config.window, config.max_events
         if image_motion is None:
-            duration = min(config.window, max(SHORT, self._enough_events()))
-            return duration, round(FIRST * self._pixels)
+            return min(SHORT, config.window), round(FIRST * self._pixels)
         usual = SURGE * float(median(self._counts)) if self._counts else 0.0
         return self._duration(image_motion), round(max(usual, LEAST * self._pixels))
 
