@@ -80,6 +80,7 @@ def run(motion: str, seed: int, duration: float, configuration: Configuration) -
         return HonestRun(motion, seed, failure=str(error))
     length = trajectory.stop - trajectory.start
     t = trajectory.start + np.array([0.0, *SHARES]) * length
+    t = np.minimum(t, trajectory.stop)  # which the sum may exceed by its rounding
     truth = States(t, recording.motion.pose(t), recording.motion.twist(t))
     pose, velocity = (tuple((one / 6).tolist()) for one in nees(trajectory, truth, t[1:]))
     return HonestRun(motion, seed, pose, velocity)
