@@ -18,8 +18,6 @@ FIRST = 0.2
 """Events per pixel that end a cluster while the image motion is unknown."""
 SHORT = 0.1
 """Duration, seconds, up to which slow motion is trusted to stay so, and while it is unknown."""
-SHARE = 0.4
-"""Share of the acceleration that slow motion is expected to go on with: some of it is noise."""
 LEAST = 0.05
 """Events per pixel that a cluster may always have, and that slow motion is given time for."""
 APART = 2.0
@@ -87,7 +85,7 @@ class ClusterLength:
     def _still_slow(self, motion: ImageMotion) -> float:
         """Return the time in which contours move by `config.motion` if they go on accelerating."""
         speed, way = max(motion.speed, 1e-9), self._config.motion
-        return 2 * way / (speed + sqrt(speed**2 + 2 * SHARE * motion.acceleration * way))
+        return 2 * way / (speed + sqrt(speed**2 + 2 * motion.acceleration * way))
 
     def _enough_events(self) -> float:
         """Return the time in which the latest rate of events gives LEAST of them."""

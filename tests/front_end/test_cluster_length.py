@@ -13,7 +13,6 @@ from gpvo.events.cluster_length import (
     FIRST,
     LEAST,
     REMEMBERED,
-    SHARE,
     SHORT,
     SURGE,
     ClusterLength,
@@ -63,7 +62,7 @@ def test_slow_contours_move_as_far_while_they_accelerate(
 ) -> None:
     limits = length((240, 180), motion=motion, window=10.0, blur=1e-9).limits
     duration, _ = limits(ImageMotion(speed, acceleration))
-    moved = duration * speed + SHARE * acceleration * duration**2 / 2
+    moved = duration * speed + acceleration * duration**2 / 2
     shortest = min(SHORT, motion / speed)
     assert shortest <= duration <= 10.0
     assert duration == pytest.approx(shortest) or duration == 10.0 or moved == pytest.approx(motion)
