@@ -2,8 +2,8 @@
 
 Errors of consecutive measurements of a track are alike: they are of the same patch, on images that
 share their contours. What is left of them after the fit is therefore less than what they are off,
-and many of them say less than as many independent ones. Both grow with the number of measurements
-in the time ALIKE, for which the variance counts as many times.
+and many of them say less than as many independent ones. Both grow as measurements follow each other
+faster: with the time dt between them, the variance counts sqrt(ALIKE / dt) times.
 """
 
 from __future__ import annotations
@@ -13,11 +13,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-ALIKE = 0.65
-"""Time for which the errors of a track's measurements are alike, seconds.
-
-With it the NEES of poses is about 1 from slow to fast motion, on simulated recordings.
-"""
+ALIKE = 3.4
+"""Seconds: with it the NEES of simulated recordings' poses is about 1 in slow and fast motion."""
 USUAL = 6.0
 """Number of measurements of a track that are alike, before it is known."""
 LEAST, MOST = 0.02, 100.0
@@ -59,6 +56,6 @@ class MeasurementNoise:
         The interval is the mean time between consecutive measurements of a track, seconds.
         """
         keep = np.exp(-min(t - self._until, 10 * self._memory) / self._memory)
-        self._until, self._alike = t, max(1.0, ALIKE / interval)
+        self._until, self._alike = t, max(1.0, float(np.sqrt(ALIKE / interval)))
         self._squares = keep * self._squares + float((residuals**2 @ self._start).sum())
         self._redundancy = keep * self._redundancy + redundancy

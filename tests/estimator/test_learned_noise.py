@@ -82,13 +82,13 @@ def test_the_smoother_finds_a_livelier_motion(scale: float) -> None:
 
 @pytest.mark.parametrize("deviation", [0.5, 3.0])
 def test_the_smoother_finds_the_scale_of_the_measurements(deviation: float) -> None:
-    """Independent errors, which tracks do not have, count as many times as there are in ALIKE."""
+    """Independent errors, which tracks do not have, count sqrt(ALIKE / dt) times all the same."""
     start = NoiseConfig(track_drift=0.0, measurement_memory=5.0)
     information = tuple(x / deviation**2 for x in start.measurement_information)
     found = learned(start.model_copy(update={"measurement_information": information}), start)
     ratio = np.array(information) / found.measurement_information
     period = TrackletSimulation(start).period
-    np.testing.assert_allclose(ratio, ALIKE / period, rtol=0.25)
+    np.testing.assert_allclose(ratio, np.sqrt(ALIKE / period), rtol=0.25)
 
 
 def test_given_noise_is_kept() -> None:
