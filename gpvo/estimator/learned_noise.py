@@ -37,10 +37,10 @@ class LearnedNoise:
 
     def learn_errors(self, landmarks: WindowLandmarks, window: NumberedStates) -> None:
         """Learn R from the measurements in the window, if that is due."""
-        t, factor, interval = float(window.states.t[-1]), landmarks.factor, landmarks.interval
-        if factor is None or interval is None or self.now.measurement_memory == 0:
+        t, factor = float(window.states.t[-1]), landmarks.factor
+        if factor is None or self.now.measurement_memory == 0 or not self._errors.is_due(t):
             return
-        if self._errors.is_due(t):
+        if (interval := landmarks.interval) is not None:
             residuals = factor.residuals(window.values()) / factor.deviations
             self._errors.learn(t, residuals, factor.redundancy, interval)
             self._set(measurement_information=self._errors.information)
