@@ -25,6 +25,8 @@ WINDOW = 0.1
 """Time after which the noise rate is found again, and old counts of a pixel halve, seconds."""
 BLOCK = 16
 """Side of the blocks of pixels whose isolated events are counted."""
+ENOUGH = 256
+"""Number of blocks, spread evenly, that tell the noise rate of a large sensor."""
 QUIET = 0.25
 """Share of the blocks with events that are taken for noise alone, the quietest ones."""
 CLEAN = 0.75
@@ -87,10 +89,11 @@ class EventFilter:
         self._latest = np.full((height + 2, width + 2), -np.inf, np.float32)
         self._recent = np.zeros_like(self._latest)
         self._on = np.zeros(self._latest.shape, np.bool_)
-        self._isolated = np.zeros((height // BLOCK + 1, width // BLOCK + 1), np.int64)
-        self._seen = np.zeros_like(self._isolated)
         rows, columns = map(_block_lengths, (height, width))
-        self._exposure = np.outer(rows, columns) * np.float64(WINDOW)
+        self._counts = _spread(len(rows), len(columns))
+        self._exposure = np.outer(rows, columns) * self._counts * np.float64(WINDOW)
+        self._isolated = np.zeros(self._counts.shape, np.int64)
+        self._seen = np.zeros_like(self._isolated)
         self._automatic = config.background_filter is None
         self._support = config.background_filter or 0.0
         self._hot = config.hot_pixel_ratio
@@ -164,6 +167,7 @@ class EventFilter:
             self._latest,
             self._on,
             self._recent,
+            self._counts,
             self._isolated,
             self._seen,
             self._support,
@@ -220,6 +224,14 @@ def _block_lengths(length: int) -> NDArray[np.int64]:
     return np.clip(length - BLOCK * np.arange(length // BLOCK + 1), 0, BLOCK)
 
 
+def _spread(rows: int, columns: int) -> NDArray[np.bool_]:
+    """Choose ENOUGH of the blocks (rows, columns), or all, in every so many rows and columns."""
+    chosen = np.zeros((rows, columns), np.bool_)
+    step = max(1, int(np.sqrt(rows * columns / ENOUGH)))
+    chosen[::step, ::step] = True
+    return chosen
+
+
 def noise_rate(
     isolated: NDArray[np.int64], seen: NDArray[np.int64], exposure: NDArray[np.float64]
 ) -> float:
@@ -249,12 +261,17 @@ def _judge(
     latest: NDArray[np.float32],
     on: NDArray[np.bool_],
     recent: NDArray[np.float32],
+    counts: NDArray[np.bool_],
     isolated: NDArray[np.int64],
     seen: NDArray[np.int64],
     support: float,
     hot: float,
     fate: NDArray[np.uint8],
 ) -> None:
+    """Judge events in order. Of a clean stream only those of blocks that count are looked around.
+
+    Polarities, too, are of use only once the stream is noisy.
+    """
     for i in range(len(t)):
         row, column, now = np.intp(y[i]) + 1, np.intp(x[i]) + 1, np.float32(t[i] - begin)
         if latest[row, column] == now:
@@ -264,14 +281,16 @@ def _judge(
         if hot > 0 and recent[row, column] > LEAST_HOT and _is_hot(recent, row, column, hot):
             fate[i] = HOT
             continue
-        age, block = now - _newest_around(latest, row, column), (y[i] // BLOCK, x[i] // BLOCK)
-        latest[row, column], on[row, column] = now, polarity[i]
-        seen[block] += 1
-        isolated[block] += age > ISOLATED
-        is_noise = support > 0 and (
-            age > support or not _is_supported(latest, on, row, column, np.float32(now - support))
-        )
-        fate[i] = BACKGROUND if is_noise else KEPT
+        block = y[i] // BLOCK, x[i] // BLOCK
+        fate[i] = KEPT
+        if counts[block]:
+            seen[block] += 1
+            isolated[block] += now - _newest_around(latest, row, column) > ISOLATED
+        if support > 0:
+            on[row, column], since = polarity[i], np.float32(now - support)
+            if _supporters(latest, on, row, column, since) < SUPPORTERS:
+                fate[i] = BACKGROUND
+        latest[row, column] = now
 
 
 @kernel
@@ -285,10 +304,10 @@ def _newest_around(latest: NDArray[np.float32], row: int, column: int) -> np.flo
 
 
 @kernel
-def _is_supported(
+def _supporters(
     latest: NDArray[np.float32], on: NDArray[np.bool_], row: int, column: int, since: np.float32
-) -> bool:
-    """Check that SUPPORTERS of the eight pixels around had their latest event since a time.
+) -> int:
+    """Count the eight pixels around one that had their latest event since a time.
 
     Only those of the pixel's own polarity count.
     """
@@ -298,7 +317,7 @@ def _is_supported(
         count += (times[left] >= since) & (signs[left] == own)
         count += (times[column] >= since) & (signs[column] == own) & (r != row)
         count += (times[right] >= since) & (signs[right] == own)
-    return count >= SUPPORTERS
+    return count
 
 
 @kernel
