@@ -12,6 +12,7 @@ AUTO: dict[str, Any] = {
         "known_again": 1.5,
         "motion_memory": 0.5,
         "measurement_memory": 5.0,
+        "velocity_share": 0.25,
     },
     "estimator": {"bridge": 0.75},
 }
@@ -58,6 +59,7 @@ PAPER: dict[str, Any] = {
         "known_again": 0.0,
         "motion_memory": 0.0,
         "measurement_memory": 0.0,
+        "velocity_share": 1.0,
     },
     "estimator": {
         "method": "batch",

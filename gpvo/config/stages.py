@@ -441,6 +441,14 @@ class NoiseConfig(StageConfig):
         description="How long the residuals are remembered that the scale of R follows, seconds: "
         "`measurement_information` is where it starts. 0 keeps that value, as in the paper.",
     )
+    velocity_share: float = Field(
+        default=1.0,
+        gt=0,
+        le=1,
+        description="Share of a velocity's variance that is its error amid other states: 1 where "
+        "the acceleration is white noise, as in the paper; 1/4 where the motion is smooth, as that "
+        "of a hand, a car or a drone. It changes no estimate.",
+    )
     initial_velocity: float = Field(
         default=1.0, gt=0, description="Standard deviation of the first velocity, rad/s and m/s."
     )

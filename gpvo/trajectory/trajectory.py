@@ -6,7 +6,7 @@ Section III-C.2 of the paper.
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from factors.lie import se3_inverse
 from gpvo.config import NoiseConfig
 from gpvo.errors import InputError
 from gpvo.trajectory.covariance_knots import CovarianceKnots
+from gpvo.trajectory.smooth_motion import velocity_scale
 from gpvo.trajectory.stamped_poses import StampedPoses
 from gpvo.trajectory.states import States, bracket
 from gpvo.trajectory.tum import write_tum
@@ -47,6 +48,8 @@ class Trajectory:
     knot_covariance
         (M - 1, 24, 24) joint covariances of each knot and the next: pose and velocity of the first,
         then of the second. Poses are perturbed on the right, rotation first.
+    velocity_share
+        Share of a velocity's variance that is its error, amid other states; see `smooth_motion`.
     """
 
     start_ns: int
@@ -56,6 +59,7 @@ class Trajectory:
     qc: Array
     knots: NDArray[np.int64]
     knot_covariance: Array
+    velocity_share: float = 1.0
 
     @staticmethod
     def of_states(
@@ -75,6 +79,7 @@ class Trajectory:
             np.array(noise.acceleration_psd),
             np.searchsorted(states.t, knots.t),
             knots.joint,
+            noise.velocity_share,
         )
 
     def __len__(self) -> int:
@@ -108,7 +113,8 @@ class Trajectory:
         """Return the covariance (..., 12, 12) of pose and velocity at times t; raises like `pose`.
 
         The pose is perturbed on the right, rotation first, relative to the first pose. Between
-        knots the Gaussian process interpolates, given the joint covariance of both.
+        knots the Gaussian process interpolates, given the joint covariance of both. Velocities amid
+        others are more certain, as `velocity_share` says.
         """
         times = self._checked(t, extrapolation)
         flat = times.ravel()
@@ -128,7 +134,10 @@ class Trajectory:
             self.knot_covariance[before],
         )
         _, _, covariance = extrapolate(T, twist, flat - inside, self.qc, covariance)
-        return np.asarray(covariance).reshape(*times.shape, 12, 12)
+        scale = np.ones((len(flat), 12))
+        scale[:, 6:] = velocity_scale(knot_t, self.velocity_share, inside)[:, None]
+        scaled = scale[:, :, None] * np.asarray(covariance) * scale[:, None, :]
+        return scaled.reshape(*times.shape, 12, 12)
 
     def stamps_ns(self, t: ArrayLike) -> NDArray[np.int64]:
         """Return the absolute stamps (...) of times t (...), nanoseconds."""
@@ -158,10 +167,13 @@ class Trajectory:
         InputError
             If the file is missing, damaged or not a trajectory.
         """
-        names = [field.name for field in fields(Trajectory)]
         try:
             with np.load(path, allow_pickle=False) as file:
-                columns = {name: file[name] for name in names}
+                columns = {
+                    field.name: file[field.name]
+                    for field in fields(Trajectory)
+                    if field.name in file or field.default is MISSING
+                }
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(
                 f"{path}: is not a trajectory that `gpvo run` saved ({error})"
