@@ -20,6 +20,7 @@ WITHOUT_UNIT = {
     "gate",
     "spacing",
     "density",
+    "velocity_share",
     "acceleration_psd",
 }
 """Ratios, levels of grey, events per pixel, and Q_c, whose halves have units of their own."""
