@@ -64,6 +64,14 @@ def test_fast_motion_is_kept() -> None:
     assert sum(c.left.event_count for c in found) == len(slow) + len(later)
 
 
+def test_what_moves_after_a_rest_is_no_flash() -> None:
+    """It covers many times the pixels of the noise, in a fraction of the clusters' time at rest."""
+    detector = FlashDetector()
+    assert not any(detector.is_flash(0.25, 0.025) for _ in range(REMEMBERED))
+    assert not detector.is_flash(0.03, 0.5)
+    assert detector.is_flash(0.002, 0.5)
+
+
 def test_a_light_that_stays_is_the_new_normal() -> None:
     """No more than LONGEST is left out at a time."""
     detector = FlashDetector()
