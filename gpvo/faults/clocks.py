@@ -6,7 +6,8 @@ covariance does not know it: such a run is failed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -23,6 +24,8 @@ PERIOD, LATER = 0.5, 2.0
 """Seconds from one look to the next, before and after two of them agreed."""
 SAME = 0.003
 """Seconds by which two looks at one offset differ, at most."""
+JUDGED = 2 * REMEMBERED
+"""Seconds whose looks are judged together: in a long recording some are off by chance."""
 
 
 class ClockWatch:
@@ -37,6 +40,7 @@ class ClockWatch:
     def __init__(self, rig: StereoRig) -> None:
         self.latest: ClockOffset | None = None
         self._rates, self._next = RowRates(rig, REMEMBERED), 0.0
+        self._looks = deque[tuple[float, ClockOffset]]()
         self._said: ClockOffset | None = None
 
     def see(self, batch: StereoEvents) -> Iterator[Fault]:
@@ -47,15 +51,26 @@ class ClockWatch:
         before, self.latest = self.latest, self._rates.offset()
         agree = _agree(before, self.latest)
         self._next = batch.stop + (LATER if agree else PERIOD)
+        if self.latest is not None:
+            self._looks.append((batch.stop, self.latest))
+        while self._looks and self._looks[0][0] < batch.stop - JUDGED:
+            self._looks.popleft()
         if agree and self.latest is not None:
             yield from self._judge(self.latest)
 
     def _judge(self, found: ClockOffset) -> Iterator[Fault]:
-        if self._said is None and found.is_apart:
-            self._said = found
-            yield _apart(found, self._rates.start)
+        steady = _median([look for _, look in self._looks])
+        if self._said is None and steady.is_apart:
+            self._said = steady
+            yield _apart(steady, self._rates.start)
         elif self._said is not None and _differ(self._said, found):
             yield _drift(self._said, found, self._rates.start)
+
+
+def _median(looks: Sequence[ClockOffset]) -> ClockOffset:
+    """Return the median of looks at one offset, as certain as one: they share events."""
+    seconds, deviation = np.median(looks, axis=0).tolist()
+    return ClockOffset(seconds, deviation)
 
 
 def _agree(before: ClockOffset | None, found: ClockOffset | None) -> bool:
