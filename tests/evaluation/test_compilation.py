@@ -94,6 +94,21 @@ def test_the_cost_of_a_run_is_without_compiling() -> None:
     assert cost.wall_seconds + cost.compile_seconds <= time.perf_counter() - begin
 
 
+def test_stages_are_without_what_any_thread_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr(time, "perf_counter", lambda: now)
+    meter = CostMeter()
+    with meter.stage("tracking"):
+        now += 1.0
+        with trigger_event(COMPILING_OR_LOADING):
+            now += 10.0
+            with meter.stage("estimation"):
+                now += 10.0
+        with meter.stage("estimation"):
+            now += 2.0
+    assert meter.stages == {"tracking": 3.0, "estimation": 2.0}
+
+
 def test_processor_time_of_a_run_is_not_negative_on_a_busy_machine(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -51,6 +51,11 @@ class CompilationTimer(event.Listener):  # type: ignore[misc]
             self._listens = False
         return self.seconds
 
+    def elapsed(self) -> float:
+        """Return the seconds so far, with those of a kernel that is not ready yet."""
+        with self._lock:
+            return self.seconds + (time.perf_counter() - self._start if self._busy else 0.0)
+
     def __enter__(self) -> CompilationTimer:
         return self
 

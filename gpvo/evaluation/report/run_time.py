@@ -35,9 +35,9 @@ class Cost:
     peak_memory_bytes
         Largest resident memory of the process since it started.
     stages
-        Elapsed seconds by stage, with compiling. A cluster is tracked while the one before is
-        estimated, so that they may add up to more than the whole; new landmarks are found beside
-        both, which is in no stage.
+        Elapsed seconds by stage, without those in which any thread compiles or loads kernels. A
+        cluster is tracked while the one before is estimated, so that they may add up to more than
+        the whole; new landmarks are found beside both, which is in no stage.
     machine
         Description of the machine, see `machine`; empty if unknown, or for several machines.
     compile_seconds
@@ -91,11 +91,15 @@ class CostMeter:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Add the time spent inside the context to a stage."""
-        start = time.perf_counter()
+        start = self._ready()
         try:
             yield
         finally:
-            self.stages[name] = self.stages.get(name, 0.0) + time.perf_counter() - start
+            self.stages[name] = self.stages.get(name, 0.0) + self._ready() - start
+
+    def _ready(self) -> float:
+        """Return a time, seconds, that stands still while kernels are compiled or loaded."""
+        return time.perf_counter() - self.compilation.elapsed()
 
     def total(self, recording_seconds: float, events: int) -> Cost:
         """Return the cost since the meter was made, and stop it."""
