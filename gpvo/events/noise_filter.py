@@ -268,10 +268,7 @@ def _judge(
     hot: float,
     fate: NDArray[np.uint8],
 ) -> None:
-    """Judge events in order. Of a clean stream only those of blocks that count are looked around.
-
-    Polarities, too, are of use only once the stream is noisy.
-    """
+    """Judge events in order; of a clean stream, look around those of blocks that count alone."""
     for i in range(len(t)):
         row, column, now = np.intp(y[i]) + 1, np.intp(x[i]) + 1, np.float32(t[i] - begin)
         if latest[row, column] == now:
@@ -282,12 +279,12 @@ def _judge(
             fate[i] = HOT
             continue
         block = y[i] // BLOCK, x[i] // BLOCK
-        fate[i] = KEPT
+        fate[i], on[row, column] = KEPT, polarity[i]
         if counts[block]:
             seen[block] += 1
             isolated[block] += now - _newest_around(latest, row, column) > ISOLATED
         if support > 0:
-            on[row, column], since = polarity[i], np.float32(now - support)
+            since = np.float32(now - support)
             if _supporters(latest, on, row, column, since) < SUPPORTERS:
                 fate[i] = BACKGROUND
         latest[row, column] = now
