@@ -6,10 +6,11 @@ from collections import deque
 
 import numpy as np
 
+from gpvo.events.cluster_length import SHORT
+
 SUDDEN = 0.2
-"""A flash fills a cluster in less than this share of the usual time."""
-LONG = 0.1
-"""Usual time at most, seconds: at rest clusters last longer, and whatever moves then is sudden."""
+"""A flash fills a cluster in less than this share of the usual time, which is SHORT at most: at rest
+clusters last longer, and whatever moves then is sudden."""
 WIDE = 2.0
 """A flash covers more than this many times the usual share of the pixels."""
 LONGEST = 0.3
@@ -48,5 +49,5 @@ class FlashDetector:
     def _is_unusual(self, duration: float, coverage: float) -> bool:
         if len(self._durations) < REMEMBERED:
             return False
-        sudden = duration < SUDDEN * min(LONG, np.median(self._durations))
+        sudden = duration < SUDDEN * min(SHORT, np.median(self._durations))
         return bool(sudden and coverage > WIDE * np.median(self._coverages))

@@ -225,7 +225,7 @@ def _block_lengths(length: int) -> NDArray[np.int64]:
 
 
 def _spread(rows: int, columns: int) -> NDArray[np.bool_]:
-    """Choose ENOUGH of the blocks (rows, columns), or all, in every so many rows and columns."""
+    """Choose about ENOUGH blocks (rows, columns), or all, in every so many rows and columns."""
     chosen = np.zeros((rows, columns), np.bool_)
     step = max(1, int(np.sqrt(rows * columns / ENOUGH)))
     chosen[::step, ::step] = True
