@@ -9,8 +9,10 @@ import numpy as np
 from gpvo.events.cluster_length import SHORT
 
 SUDDEN = 0.2
-"""A flash fills a cluster in less than this share of the usual time, which is SHORT at most: at rest
-clusters last longer, and whatever moves then is sudden."""
+"""A flash fills a cluster in less than this share of the usual time, of SHORT at most.
+
+At rest clusters last longer, and whatever moves then is sudden.
+"""
 WIDE = 2.0
 """A flash covers more than this many times the usual share of the pixels."""
 LONGEST = 0.3
