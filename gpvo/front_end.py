@@ -95,7 +95,7 @@ class FrontEnd:
         self.camera = StereoCamera(
             rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
         )
-        self.configuration = for_camera(configuration, rig.left.resolution)
+        self.configuration = for_camera(configuration, rig.left.resolution, rig.focal_length)
         full = in_full_pixels(self.configuration)
         self.noise = full.noise
         self.rng = np.random.default_rng(full.seed)

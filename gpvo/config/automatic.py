@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Any, TypeVar
 
-from gpvo.config.stages import Configuration, NoiseConfig, StageConfig
+from gpvo.config.stages import (
+    LARGEST_PATCH,
+    Configuration,
+    KltConfig,
+    NoiseConfig,
+    StageConfig,
+    TrackingConfig,
+)
 
 Stage = TypeVar("Stage", bound=StageConfig)
 
 LARGE = 640 * 480
 """Pixels up to which a sensor is tracked at its full resolution."""
+PATCH_SHARE = 1.8
+"""Side of a patch over the square root of the focal length, both in tracked pixels."""
 
 LENGTHS: dict[str, dict[str, int]] = {
     "tracklets": {"time_radius": 1, "min_disparity": 1, "min_length": 1},
@@ -19,19 +29,44 @@ LENGTHS: dict[str, dict[str, int]] = {
 """Fields in tracked pixels and the powers of a pixel that they have."""
 
 
-def for_camera(configuration: Configuration, resolution: tuple[int, int]) -> Configuration:
-    """Return the configuration with what suits a sensor (width, height).
+def for_camera(
+    configuration: Configuration, resolution: tuple[int, int], focal_length: float
+) -> Configuration:
+    """Return the configuration with what suits a sensor (width, height) and its focal length.
+
+    Both are in pixels of the sensor.
+    """
+    tracking = _at_resolution(configuration.tracking, resolution)
+    klt = _with_patch(tracking.klt, focal_length / tracking.pixel)
+    tracking = tracking.model_copy(update={"klt": klt})
+    return configuration.model_copy(update={"tracking": tracking})
+
+
+def _at_resolution(tracking: TrackingConfig, resolution: tuple[int, int]) -> TrackingConfig:
+    """Choose the resolution that is tracked.
 
     Features of event images are edges, and what is tracked must hold some of them: the same patch
     holds fewer on a larger sensor, which also sees finer texture than a cluster can show. Sensors
     of more than LARGE pixels are therefore tracked at half their resolution.
     """
-    tracking = configuration.tracking
     if tracking.resolutions is not None:
-        return configuration
+        return tracking
     side = 1 if resolution[0] * resolution[1] <= LARGE else 2
-    tracking = tracking.model_copy(update={"resolutions": (side,)})
-    return configuration.model_copy(update={"tracking": tracking})
+    return tracking.model_copy(update={"resolutions": (side,)})
+
+
+def _with_patch(klt: KltConfig, focal_length: float) -> KltConfig:
+    """Choose the side of the patches for a focal length in tracked pixels.
+
+    The variance of a match is as 1 / side^2. A patch that holds the border of a thing sees two
+    depths, and its match is between them: as many do as it is wide in angle, and by as much, so
+    that their mean square is as (side / focal length)^2. The sum of both is least for a side as
+    the square root of the focal length.
+    """
+    if klt.patch_size is not None:
+        return klt
+    side = min(LARGEST_PATCH, 2 * round((PATCH_SHARE * sqrt(focal_length) - 1) / 2) + 1)
+    return klt.model_copy(update={"patch_size": max(side, 5)})
 
 
 def in_full_pixels(configuration: Configuration) -> Configuration:

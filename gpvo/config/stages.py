@@ -101,6 +101,10 @@ class FeatureConfig(StageConfig):
     )
 
 
+LARGEST_PATCH = 31
+"""Side of a patch in the pictures of large sensors, pixels."""
+
+
 class KltConfig(StageConfig):
     """Features followed around the quad by the patch that surrounds them (Lucas-Kanade)."""
 
@@ -109,7 +113,12 @@ class KltConfig(StageConfig):
         gt=0,
         description="Standard deviation of the Gaussian blur of event images, pixels.",
     )
-    patch_size: int = Field(default=31, ge=5, description="Side of the patch, pixels.")
+    patch_size: int | None = Field(
+        default=None,
+        ge=5,
+        description="Side of the patch, pixels; null for what suits the focal length: 1.8 times "
+        "its square root, at most 31.",
+    )
     pyramid_levels: int = Field(
         default=3, ge=0, description="Coarser pyramid levels above the image."
     )
@@ -167,6 +176,11 @@ class KltConfig(StageConfig):
         "found are on average, relative to where the motion takes them, pixels; its half for "
         "disparities.",
     )
+
+    @property
+    def side(self) -> int:
+        """Side of the patch, pixels: the largest one before the camera is known."""
+        return self.patch_size or LARGEST_PATCH
 
 
 class Viso2Config(StageConfig):

@@ -201,8 +201,9 @@ def test_configuration_of_the_run_is_kept(
     recording: RecordingFiles, result: Path, gpvo: Callable, tmp_path: Path
 ) -> None:
     written = load_configuration(result / "config.yaml")
-    resolution = open_recording(recording.data, recording.calibration).rig.left.resolution
-    assert written == for_camera(load_configuration(recording.config), resolution)
+    rig = open_recording(recording.data, recording.calibration).rig
+    given = load_configuration(recording.config)
+    assert written == for_camera(given, rig.left.resolution, rig.focal_length)
     assert written.tracking.resolutions == (1,)
     short = ["--duration", "0.3", "--seed", "7", "--plots", "none"]
     code, *_ = gpvo(*recording.arguments(tmp_path / "short"), *short)

@@ -15,6 +15,7 @@ from gpvo.config import (
     in_full_pixels,
     in_tracked_pixels,
 )
+from gpvo.config.stages import LARGEST_PATCH, KltConfig
 from gpvo.front_end import FrontEnd
 from gpvo.simulation import SimulationConfig
 
@@ -24,6 +25,7 @@ SIDES = {
     (640, 480): (1,),
     (1280, 720): (2,),
 }
+FOCAL_LENGTH = 226.0
 positive = st.floats(1e-3, 1e3)
 
 
@@ -33,17 +35,40 @@ def tracked_at(*resolutions: int) -> Configuration:
 
 @pytest.mark.parametrize("size", SIDES)
 def test_large_sensors_are_tracked_at_half_their_resolution(size: tuple[int, int]) -> None:
-    found = for_camera(Configuration(), size)
+    found = for_camera(Configuration(), size, FOCAL_LENGTH)
     assert found.tracking.resolutions == SIDES[size]
-    assert for_camera(found, size) == found
-    tracking = found.tracking.model_copy(update={"resolutions": None})
+    assert for_camera(found, size, FOCAL_LENGTH) == found
+    klt = found.tracking.klt.model_copy(update={"patch_size": None})
+    tracking = found.tracking.model_copy(update={"resolutions": None, "klt": klt})
     assert found.model_copy(update={"tracking": tracking}) == Configuration()
+
+
+def patch(focal_length: float, size: tuple[int, int] = (346, 260)) -> int:
+    found = for_camera(Configuration(), size, focal_length).tracking.klt.patch_size
+    assert found is not None
+    return found
+
+
+@given(st.floats(10.0, 3000.0), st.floats(1.0, 2.0))
+def test_patches_grow_with_the_root_of_the_focal_length_up_to_the_largest(
+    focal_length: float, more: float
+) -> None:
+    side = patch(focal_length)
+    assert side % 2 == 1 and 5 <= side <= LARGEST_PATCH == KltConfig().side
+    assert side <= patch(focal_length * more)
+    if 5 < side < LARGEST_PATCH:
+        assert abs(side - 1.8 * np.sqrt(focal_length)) <= 1.0
+    # At half the resolution the focal length is half as many pixels.
+    assert patch(2 * focal_length, (1280, 720)) == side
 
 
 @pytest.mark.parametrize("resolutions", [(1,), (2,), (1, 2)])
 @pytest.mark.parametrize("size", SIDES)
 def test_what_is_set_stays(size: tuple[int, int], resolutions: tuple[int, ...]) -> None:
-    assert for_camera(tracked_at(*resolutions), size) == tracked_at(*resolutions)
+    found = for_camera(tracked_at(*resolutions), size, FOCAL_LENGTH)
+    assert found.tracking.resolutions == resolutions
+    of_21 = Configuration.model_validate({"tracking": {"klt": {"patch_size": 21}}})
+    assert for_camera(of_21, size, FOCAL_LENGTH).tracking.klt == of_21.tracking.klt
 
 
 def changed(a: StageConfig, b: StageConfig, path: str = "") -> dict[str, float]:
@@ -94,7 +119,7 @@ def test_noise_in_pixels_of_the_sensor_and_back(
 def test_the_front_end_measures_in_pixels_of_the_sensor() -> None:
     rig = SimulationConfig(resolution=(1280, 720)).rig
     front_end = FrontEnd(rig, Configuration())
-    assert front_end.configuration == for_camera(Configuration(), (1280, 720))
+    assert front_end.configuration == for_camera(Configuration(), (1280, 720), rig.focal_length)
     assert front_end.noise == in_full_pixels(front_end.configuration).noise
     deviation = 1 / np.sqrt(np.array(front_end.noise.measurement_information))
     usual = 1 / np.sqrt(np.array(Configuration().noise.measurement_information))

@@ -84,7 +84,7 @@ def test_what_a_run_writes_is_the_same_configuration_again(
     preset: str, size: tuple[int, int], described: bool, tmp_path: Path
 ) -> None:
     values = {"preset": preset, "estimator": {"window": 7}, "noise": {"track_drift": 0.3}}
-    configuration = for_camera(Configuration.model_validate(values), size)
+    configuration = for_camera(Configuration.model_validate(values), size, 226.0)
     file = tmp_path / "config.yaml"
     file.write_text(configuration_text(configuration, described))
     assert load_configuration(file) == configuration

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from factors import StereoCamera
 from gpvo import Odometry
 from gpvo.config import Configuration
 from gpvo.evaluation.front_end.inspect import inspect
@@ -56,9 +55,9 @@ class Wrapped:
 
     report = "all is well"
 
-    def __init__(self, camera: StereoCamera) -> None:
+    def __init__(self, usual: Odometry) -> None:
         self.clusters: list[StereoCluster] = []
-        self._tracker = MultiResolutionTracker(FEW.tracking, camera)
+        self._tracker = MultiResolutionTracker(usual.configuration.tracking, usual.camera)
         self.motion = self._tracker.motion
 
     def track(self, cluster: StereoCluster) -> Observations:
@@ -68,7 +67,7 @@ class Wrapped:
 
 def test_any_object_may_be_the_tracker(recording: SimulatedRecording) -> None:
     usual = Odometry(recording.rig, FEW)
-    mine = Wrapped(usual.camera)
+    mine = Wrapped(usual)
     own = Odometry(recording.rig, FEW, tracker=mine)
     poses = [each.run(recording).pose(np.linspace(0.15, 0.2, 5)) for each in (own, usual)]
     assert len(mine.clusters) == len(own.reports)

@@ -105,7 +105,7 @@ def tracked(**fields: float) -> Observations:
 def test_no_match_is_below_what_is_asked(check: str) -> None:
     """Without a check some matches of the plane are below its limit, with it none is."""
     none = {"min_correlation": -1.0, "min_row_gradient": 0.0}
-    radius, least = KltConfig().patch_size // 4, []
+    radius, least = KltConfig().side // 4, []
     for limit in (none[check], {"min_correlation": 0.9, "min_row_gradient": 40.0}[check]):
         seen, scores = tracked(**{**none, check: limit}), []
         for frame in range(2):

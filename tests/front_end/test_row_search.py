@@ -56,7 +56,7 @@ def test_features_are_matched_at_any_disparity(shift: int) -> None:
     tracker.follow(left, right)  # its report says how many there were
     within = tracker.report.features * (1 - shift / WIDTH)
     assert len(seen) > 0.8 * within
-    whole = seen.right[:, 0] > TrackingConfig().klt.patch_size // 2
+    whole = seen.right[:, 0] > TrackingConfig().klt.side // 2
     assert np.mean(np.abs(seen.disparity - shift)[whole] < 0.1) > 0.95
 
 

@@ -37,7 +37,7 @@ def are_stereo(images: tuple[Image, Image], left: Points, right: Points, config:
 def limits_of(config: KltConfig) -> tuple[float, float, float, int]:
     """Return the limits of rows, gradient and correlation, and the radius of a patch's middle."""
     limits = config.row_tolerance, config.min_row_gradient, config.min_correlation
-    return *limits, config.patch_size // 4
+    return *limits, config.side // 4
 
 
 @kernel

@@ -127,7 +127,7 @@ class KltTracker:
 
     def _pyramid(self, image: Image) -> Pyramid:
         smoothed = smooth(image, self._config.smoothing)
-        return Pyramid.of_image(smoothed, self._config.patch_size, self._config.pyramid_levels)
+        return Pyramid.of_image(smoothed, self._config.side, self._config.pyramid_levels)
 
     def _follow(self, frame: Frame) -> Frame:
         """Match the landmarks of the previous frame; those that look otherwise get new anchors."""
