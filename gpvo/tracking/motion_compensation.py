@@ -44,6 +44,8 @@ USUAL = 20
 """Number of latest clusters with motion; the fullest of them is full."""
 LEAST_FEATURES = 8
 """Number of features below which the image motion is unknown."""
+WAITS = 2
+"""Number of clusters for which observations wait for the image motion."""
 UNKNOWN: Flow = np.zeros((1, 1, 2), np.float32)
 """Image motion if it is unknown: none."""
 
@@ -200,9 +202,10 @@ class MotionCompensation:
     def timed(self, seen: Observations) -> Observations:
         """Move observations from the pictures to the mean times of their events; add the times.
 
-        There they are moved ahead by the contours' lag. The second cluster tells it: the first
-        observations come with those of the second. Disparities stay those of the pictures, because
-        both pictures have the same reference time.
+        There they are moved ahead by the contours' lag. Where too few features are followed into a
+        cluster, as in the first one and where the motion turns, its lag is told by the next one:
+        its observations come with those. Disparities stay those of the pictures, because both
+        pictures have the same reference time.
         """
         self._remember(seen)
         self._learn_flows()
@@ -221,12 +224,17 @@ class MotionCompensation:
         return replace(seen, left=left, right=seen.right + left - seen.left, own_times=times)
 
     def _with_waiting(self, seen: Observations) -> Observations:
-        """Let observations wait for the next cluster until the motion tells their lag."""
+        """Let observations wait until the motion into their cluster, which tells the lag, is known.
+
+        They wait for WAITS clusters at most.
+        """
         if self._waiting is not None:
-            seen, self._waiting = Observations.concatenate([self._waiting, seen]), None
-        elif self._config.lag > 0 and self._flows[0] is UNKNOWN and len(seen):
-            seen, self._waiting = seen[:0], seen
-        return seen
+            seen = Observations.concatenate([self._waiting, seen])
+        if self._config.lag == 0:
+            return seen
+        waits = (seen.frame >= self._learned) & (seen.frame >= self._frame_count - WAITS)
+        self._waiting = seen[waits] if waits.any() else None
+        return seen[~waits]
 
     def _remember(self, seen: Observations) -> None:
         """Keep the observations of the two latest clusters."""
