@@ -44,8 +44,8 @@ USUAL = 20
 """Number of latest clusters with motion; the fullest of them is full."""
 LEAST_FEATURES = 8
 """Number of features below which the image motion is unknown."""
-WAITS = 2
-"""Number of clusters for which observations wait for the image motion."""
+UNSURE = 8.0
+"""How many times larger deviations are while the lag is unknown: all points are off alike."""
 UNKNOWN: Flow = np.zeros((1, 1, 2), np.float32)
 """Image motion if it is unknown: none."""
 
@@ -145,7 +145,7 @@ class MotionCompensation:
         self._recent: Observations | None = None
         self._waiting: Observations | None = None
         self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN
-        self._learned = 0
+        self._learned, self._unsure = 0, -1
         self._lag = ContourLag(config.lag)
         self._full_count: deque[float] = deque(maxlen=USUAL)
         self._noise, self._still = NoiseLevel(), False
@@ -202,10 +202,9 @@ class MotionCompensation:
     def timed(self, seen: Observations) -> Observations:
         """Move observations from the pictures to the mean times of their events; add the times.
 
-        There they are moved ahead by the contours' lag. Where too few features are followed into a
-        cluster, as in the first one and where the motion turns, its lag is told by the next one:
-        its observations come with those. Disparities stay those of the pictures, because both
-        pictures have the same reference time.
+        There they are moved ahead by the contours' lag. The second cluster tells it: the first
+        observations come with those of the second. Where it is unknown later, they are UNSURE.
+        Disparities stay those of the pictures, because both pictures have the same reference time.
         """
         self._remember(seen)
         self._learn_flows()
@@ -221,20 +220,28 @@ class MotionCompensation:
                 partial(right_image.at_own_times, seen.right[now], radius),
             )
             left[now] += self._lag.ahead(seen.left[now])
-        return replace(seen, left=left, right=seen.right + left - seen.left, own_times=times)
+        return replace(
+            seen,
+            left=left,
+            right=seen.right + left - seen.left,
+            own_times=times,
+            own_deviations=self._deviations(seen),
+        )
+
+    def _deviations(self, seen: Observations) -> Array:
+        """Return deviations (N, 3), larger for left points whose lag is unknown."""
+        deviations = seen.deviations.copy()
+        if self._config.lag > 0:
+            deviations[seen.frame == self._unsure, :2] *= UNSURE
+        return deviations
 
     def _with_waiting(self, seen: Observations) -> Observations:
-        """Let observations wait until the motion into their cluster, which tells the lag, is known.
-
-        They wait for WAITS clusters at most.
-        """
+        """Let observations wait for the next cluster until the motion tells their lag."""
         if self._waiting is not None:
-            seen = Observations.concatenate([self._waiting, seen])
-        if self._config.lag == 0:
-            return seen
-        waits = (seen.frame >= self._learned) & (seen.frame >= self._frame_count - WAITS)
-        self._waiting = seen[waits] if waits.any() else None
-        return seen[~waits]
+            seen, self._waiting = Observations.concatenate([self._waiting, seen]), None
+        elif self._config.lag > 0 and self._flows[0] is UNKNOWN and len(seen):
+            seen, self._waiting = seen[:0], seen
+        return seen
 
     def _remember(self, seen: Observations) -> None:
         """Keep the observations of the two latest clusters."""
@@ -244,7 +251,8 @@ class MotionCompensation:
     def _learn_flows(self) -> None:
         """Estimate left and right image motion between the two latest clusters, if it is known.
 
-        Once: observations that are added later are not of both clusters.
+        Once: observations that are added later are not of both clusters. Where the motion turns,
+        contours vanish, and those that are seen then are others: the lag is still that of before.
         """
         if self._recent is None or len(self._images) < 2 or self._learned == self._frame_count:
             return
@@ -253,6 +261,8 @@ class MotionCompensation:
         earlier, later = seen[~newest], seen[newest]
         _, i, j = np.intersect1d(earlier.landmark, later.landmark, return_indices=True)
         if len(i) < LEAST_FEATURES:
+            if len(later) >= 2 * LEAST_FEATURES:
+                self._unsure = self._frame_count - 1
             return
         dt, reach = latest[0].reference - before[0].reference, self._config.reach
         height, width = latest[0].count.shape

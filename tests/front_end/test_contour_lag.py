@@ -16,7 +16,7 @@ from gpvo.events import StereoCluster
 from gpvo.tracking import Observations
 from gpvo.tracking.contour_lag import FARTHEST, USUAL, ContourLag
 from gpvo.tracking.event_sums import Flow
-from gpvo.tracking.motion_compensation import MotionCompensation
+from gpvo.tracking.motion_compensation import UNSURE, MotionCompensation
 from gpvo.tracking.tracklets import Tracklets
 
 WAVELENGTH, AMPLITUDE = 10.0, 0.6
@@ -130,25 +130,25 @@ def test_observations_are_moved_ahead_by_the_lag() -> None:
     np.testing.assert_allclose(with_lag.times, without.times, atol=1e-4)
 
 
-def test_observations_wait_for_the_motion_of_their_own_cluster() -> None:
-    """After a turn nothing is known again: the next cluster tells where the lag is then."""
-    count, step, speed = 12, 0.05, 60.0
+def test_after_a_turn_observations_hardly_count_until_the_motion_is_known_again() -> None:
+    count, step, speed = 20, 0.05, 60.0
     places = np.random.default_rng(5).uniform([25, 12], [55, 48], (count, 2))
-    ways = speed * step * np.array([0, 1, 2, 1, 0, 1, 2, 3])  # turns in the middle of the way
-    firsts = [0, 0, 0, 100, 100, 200, 300, 400]  # identities; from the sixth on always others
-    compensation, found = MotionCompensation(CompensationConfig(lag=0.3), frames=4), []
+    ways = speed * step * np.array([0, 1, 2, 1, 0])
+    firsts, compensation = [0, 0, 0, 100, 100], MotionCompensation(CompensationConfig(), frames=3)
+    found = []
     for number, (way, first) in enumerate(zip(ways, firsts, strict=True)):
         now = places + np.array([way, 0.0])
         t = step * (number + np.repeat([0.4, 0.5, 0.6], count))
         events = shown(np.tile(now, (3, 1)), t, (60, 80))
         compensation.pictures(StereoCluster(step * number, step * (number + 1), events, events))
         numbers = first + np.arange(count), np.full(count, number)
-        seen = compensation.timed(Observations(*numbers, now, now - [5.0, 0.0]))
-        found.append(np.unique(seen.frame).tolist())
-        if number == 4:  # both clusters after the turn, with the lag of the motion there
-            ahead = seen.left - np.concatenate([places + np.array([ways[n], 0.0]) for n in (3, 4)])
-            assert (np.median(ahead[:, 0]) < -0.2) and (abs(ahead[:, 1]) < 0.05).all()
-    assert found == [[], [0, 1], [2], [], [3, 4], [], [], [5]]
+        given = np.full((count, 3), 0.5)
+        seen = Observations(*numbers, now, now - [5.0, 0.0], own_deviations=given)
+        found.append(compensation.timed(seen))
+    assert [len(seen) for seen in found] == [0, 2 * count, count, count, count]
+    for number, seen in enumerate(found[1:], 1):
+        expected = [0.5 * UNSURE] * 2 + [0.5] if number == 3 else [0.5] * 3
+        np.testing.assert_array_equal(seen.deviations, np.tile(expected, (len(seen), 1)))
 
 
 def test_tracklets_begin_with_observations_that_waited() -> None:
