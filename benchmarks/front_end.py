@@ -59,6 +59,7 @@ FRONT_ENDS: dict[str, dict[str, Fields]] = {
     },
     "patch": {
         "21 px": {"tracking": {"klt": {"patch_size": 21}}},
+        "31 px": {"tracking": {"klt": {"patch_size": 31}}},
         "41 px": {"tracking": {"klt": {"patch_size": 41}}},
         "blur 0.5 px": {"tracking": {"klt": {"smoothing": 0.5}}},
         "blur 1 px": {"tracking": {"klt": {"smoothing": 1.0}}},
