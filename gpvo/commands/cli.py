@@ -9,7 +9,7 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from gpvo.commands.interruption import end_at_once, say_end, signals_to
+from gpvo.commands.interruption import end_at_once, end_by_exit
 from gpvo.errors import InputError, OutputError
 
 BAD_INPUT = 2
@@ -149,17 +149,13 @@ def _options(
     """Continuous-time visual odometry for stereo event cameras."""
 
 
-def _end(number: int, _: object) -> None:
-    sys.exit(say_end(number))
-
-
 def main() -> None:
     """Run the command line; bad input gives one line on stderr and exit status 2.
 
     Results that cannot be written give exit status 4, Ctrl-C 130, SIGTERM 143.
     """
     try:
-        with signals_to(_end):
+        with end_by_exit():
             app(prog_name="gpvo")
     except InputError as error:
         print(f"gpvo: {error}", file=sys.stderr)

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from threading import current_thread, main_thread
+from typing import Any
 
 Handler = Callable[[int, object], None]
 TERMINATED = 128 + signal.SIGTERM
@@ -46,6 +47,30 @@ def end_at_once() -> AbstractContextManager[None]:
         os._exit(say_end(number))
 
     return signals_to(end)
+
+
+@contextmanager
+def end_by_exit() -> Iterator[None]:
+    """End by SystemExit at Ctrl-C or SIGTERM, so that what is open is closed.
+
+    Python ignores exceptions in generators that it deletes: the process ends at once there.
+    """
+    before = sys.unraisablehook
+
+    def end(number: int, _: object) -> None:
+        sys.exit(say_end(number))
+
+    def ignored(what: Any) -> None:
+        if isinstance(what.exc_value, SystemExit) and isinstance(what.exc_value.code, int):
+            os._exit(what.exc_value.code)
+        before(what)
+
+    sys.unraisablehook = ignored
+    try:
+        with signals_to(end):
+            yield
+    finally:
+        sys.unraisablehook = before
 
 
 def ignore_signals() -> None:

@@ -112,6 +112,21 @@ def test_an_end_while_python_ends_is_none_by_a_signal(number: signal.Signals) ->
         assert process.returncode in {0, 128 + number}
 
 
+def test_an_end_while_a_generator_is_deleted_is_an_end() -> None:
+    """Python ignores exceptions there, and would go on."""
+    code = (
+        "import os, signal; from gpvo.commands.interruption import end_by_exit\n"
+        "def numbers():\n"
+        "    try: yield 1\n"
+        "    finally: os.kill(os.getpid(), signal.SIGTERM); sum(range(100))\n"
+        "with end_by_exit():\n"
+        "    opened = numbers(); next(opened); del opened; print('went on')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (143, "")
+    assert done.stderr == "gpvo: terminated; nothing was saved\n"
+
+
 def test_a_second_run_into_one_folder_is_refused(
     recording: RecordingFiles, gpvo: Callable, tmp_path: Path
 ) -> None:

@@ -19,18 +19,18 @@ from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 
 
 @cache
-def room() -> SimulatedRecording:
+def room(seed: int = 5) -> SimulatedRecording:
     config = SimulationConfig(
-        seed=5, duration=3.0, resolution=(240, 180), focal_length=160.0, noise_rate=1.0
+        seed=seed, duration=3.0, resolution=(240, 180), focal_length=160.0, noise_rate=1.0
     )
     return simulate(config)
 
 
 def run(
-    is_there: Callable[[float], bool], features: float = 1.0, spacing: float = 1.0
+    is_there: Callable[[float], bool], features: float = 1.0, spacing: float = 1.0, seed: int = 5
 ) -> tuple[Odometry, Trajectory]:
     """Estimate the motion from the events of times that are there."""
-    odometry, recording = Odometry(room().rig), room()
+    odometry, recording = Odometry(room(seed).rig), room(seed)
     odometry.relieve(features, spacing)
     for start in np.arange(0.0, recording.duration, 0.01).tolist():
         sides = (side.between(start, start + 0.01) for side in (recording.left, recording.right))
@@ -42,25 +42,30 @@ def run(
     return odometry, trajectory
 
 
-def off(trajectory: Trajectory, t: NDArray[np.float64]) -> NDArray[np.float64]:
+def off(trajectory: Trajectory, t: NDArray[np.float64], seed: int = 5) -> NDArray[np.float64]:
     """Return how far the path is from the true one at times t (N,), metres."""
-    start = se3_inverse(room().motion.pose(np.array([trajectory.start]))[0])
+    motion = room(seed).motion
+    start = se3_inverse(motion.pose(np.array([trajectory.start]))[0])
     found, true = (
         (se3_inverse(trajectory.pose([trajectory.start])[0]) @ trajectory.pose(t)),
-        (start @ room().motion.pose(t)),
+        (start @ motion.pose(t)),
     )
     return np.linalg.norm(found[:, :3, 3] - true[:, :3, 3], axis=1)
 
 
 def test_with_a_quarter_of_the_time_and_half_of_the_features_the_path_is_nearly_as_good() -> None:
-    whole, all_of_it = run(lambda t: True)
-    least, part = run(lambda t: True, FEWEST, WIDEST)
+    whole, _ = run(lambda t: True)
+    least, _ = run(lambda t: True, FEWEST, WIDEST)
     events, used = len(room().left) + len(room().right), sum(r.events for r in least.reports)
     assert used < 0.35 * events and len(least.reports) < 0.6 * len(whole.reports)
     assert sum(report.between for report in least.reports) > 0.6 * events
     assert all(report.inliers > 20 for report in least.reports[2:])
-    t = np.linspace(0.1, 2.7, 50)
-    assert off(part, t).max() < 3 * off(all_of_it, t).max() + 0.01
+    t, seeds = np.linspace(0.1, 2.7, 50), range(5, 10)  # one room may be lucky
+    all_of_it, part = (
+        np.mean([off(run(lambda t: True, *less, seed)[1], t, seed).max() for seed in seeds])
+        for less in ((1.0, 1.0), (FEWEST, WIDEST))
+    )
+    assert part < 3 * all_of_it
 
 
 @pytest.mark.parametrize("length", [0.8, 1.5])
