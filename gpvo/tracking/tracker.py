@@ -81,7 +81,8 @@ class _ResolutionTracker:
     """Image tracker at one resolution; its pixels are `side` full pixels wide.
 
     New landmarks of a cluster tell nothing of the motion before they are followed into the next
-    one: they are found meanwhile, and returned with those.
+    one: they are found meanwhile, and returned with those. The first two clusters tell by how much
+    the events of both are to be moved: if that is far, they are tracked again with sharp pictures.
     """
 
     def __init__(self, config: TrackingConfig, side: int, camera: StereoCamera | None) -> None:
@@ -95,16 +96,36 @@ class _ResolutionTracker:
             config.compensation, config.earlier_frames + 1, side
         )
         self._new = Begun(Observations.none)
+        self._before: StereoCluster | None = None
 
     def track(self, cluster: StereoCluster, motion: EgoMotion) -> Observations:
         """Return the observations that a cluster adds, full-resolution pixels."""
-        images, tracker = self._images(cluster), self._tracker
-        if not isinstance(tracker, KltTracker):
-            return self._measured(tracker.track(*images))
+        if not isinstance(self._tracker, KltTracker):
+            return self._measured(self._tracker.track(*self._images(cluster)))
+        observations = self._tracked(self._tracker, cluster, motion)
+        if self._compensation.blurred and self._before is not None:
+            self._take_back(self._tracker)
+            for again in (self._before, cluster):
+                observations = self._tracked(self._tracker, again, motion)
+        self._before = cluster
+        return observations
+
+    def _tracked(
+        self, tracker: KltTracker, cluster: StereoCluster, motion: EgoMotion
+    ) -> Observations:
+        """Follow features into a cluster; return them, and those found new in the one before."""
+        images = self._images(cluster)
         found = self._measured(self._new.result())
         followed = self._measured(_follow(tracker, images, motion))
         self._new = Begun(tracker.extend)
         return Observations.concatenate([found, followed])
+
+    def _take_back(self, tracker: KltTracker) -> None:
+        """Forget the latest two clusters but for the image motion."""
+        self._new.result()  # so that identities do not depend on a thread
+        self._new = Begun(Observations.none)
+        self._compensation.take_back()
+        tracker.take_back()
 
     def _measured(self, seen: Observations) -> Observations:
         """Return observations at their own times, in full-resolution pixels."""

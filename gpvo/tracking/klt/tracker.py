@@ -100,6 +100,12 @@ class KltTracker:
         self._previous = seen.joined(new)
         return self._observations(new, self._variances)
 
+    def take_back(self) -> None:
+        """Forget the latest two frames and all landmarks; no identity is given twice."""
+        self._previous, self._variances = None, NO_VARIANCES
+        self._lost = LostLandmarks(self._config.lost_landmarks, self._camera)
+        self._frame_count -= 2
+
     def limit_features(self, share: float) -> None:
         """Follow a share of the configured features, from 0 to 1: those known longest."""
         self._most, frame = int(share * self._config.max_features), self._previous
