@@ -19,7 +19,8 @@ FIRST = 0.2
 SHORT = 0.1
 """Duration, seconds, up to which slow motion is trusted to stay so, and while it is unknown."""
 LEAST = 0.05
-"""Events per pixel that a cluster may always have, and that slow motion is given time for."""
+"""Events per pixel that a cluster may always have, and that slow motion is given time for, noise
+not counted."""
 APART = 2.0
 """Times the blur that contours may leave a constant motion from a cluster's begin to the next."""
 SURGE = 2.0
@@ -57,6 +58,7 @@ class ClusterLength:
     longer time counts. Until the motion is known, and where it surges, the number of events ends a
     cluster. Slow motion may become fast meanwhile: beyond `SHORT` its clusters last until contours
     would have moved as far at their acceleration, too, or until there are enough events to see it.
+    Where noise hides contours the motion is not found in less.
     """
 
     def __init__(self, config: ClusteringConfig, rig: StereoRig) -> None:
@@ -71,7 +73,8 @@ class ClusterLength:
         if config.max_events is not None:
             return config.window, config.max_events
         if image_motion is None:
-            return min(SHORT, config.window), round(FIRST * self._pixels)
+            duration = max(SHORT, self._enough_events())
+            return min(duration, config.window), round(FIRST * self._pixels)
         usual = SURGE * float(median(self._counts)) if self._counts else 0.0
         return self._duration(image_motion), round(max(usual, LEAST * self._pixels))
 
@@ -108,11 +111,12 @@ class ClusterLength:
         constant = sqrt(APART) * self._constant(motion)
         return max(duration, min(config.spacing * duration, near, known, constant))
 
-    def add(self, events: int, duration: float) -> None:
-        """Remember the number of events of a cluster of so many seconds, in the camera with more.
+    def add(self, events: int, contours: float, duration: float) -> None:
+        """Remember the events of a cluster of so many seconds, and those of them of contours.
 
-        Clusters of a camera at rest do not say what is usual in motion.
+        They are those of the camera with more. Clusters of a camera at rest do not say what is
+        usual in motion.
         """
-        self._rate = events / duration
+        self._rate = contours / duration
         if events >= LEAST * self._pixels:
             self._counts.append(events)

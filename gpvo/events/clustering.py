@@ -268,7 +268,8 @@ class Clustering:
         ):
             self._flash += duration
             return
-        self._length.add(max(left.event_count, right.event_count), duration)
+        events = max(left.event_count, right.event_count)
+        self._length.add(events, max(left.contour_count, right.contour_count), duration)
         yield cluster
         self._flash = 0.0
 

@@ -68,14 +68,15 @@ def test_slow_contours_move_as_far_while_they_accelerate(
     assert duration == pytest.approx(shortest) or duration == 10.0 or moved == pytest.approx(motion)
 
 
-def test_slow_motion_with_few_events_has_time_for_enough() -> None:
-    known, unsteady = length((240, 180)), ImageMotion(10.0, 1e6)
-    assert known.limits(unsteady)[0] == SHORT
-    known.add(round(LEAST * 240 * 180 / 2), SHORT)  # half of what is enough
-    assert known.limits(unsteady)[0] == pytest.approx(2 * SHORT)
+@pytest.mark.parametrize("motion", [None, ImageMotion(10.0, 1e6)])
+def test_slow_motion_with_few_events_has_time_for_enough(motion: ImageMotion | None) -> None:
+    known, pixels = length((240, 180)), 240 * 180
+    assert known.limits(motion)[0] == SHORT
+    known.add(pixels, LEAST * pixels / 2, SHORT)  # half of what is enough, the others are noise
+    assert known.limits(motion)[0] == pytest.approx(2 * SHORT)
     assert known.limits(ImageMotion(44.0, 1e6))[0] == pytest.approx(0.05)  # not in fast motion
-    known.add(10**6, SHORT)
-    assert known.limits(unsteady)[0] == SHORT
+    known.add(pixels, pixels, SHORT)
+    assert known.limits(motion)[0] == SHORT
 
 
 @given(st.floats(22, 1e5), ACCELERATION)
@@ -117,14 +118,14 @@ def test_events_end_a_cluster_while_the_speed_is_unknown(size: tuple[int, int]) 
 def test_a_surge_of_events_ends_a_cluster() -> None:
     known = length((240, 180))
     for events in [*[10**6] * REMEMBERED, *[30_000] * REMEMBERED]:
-        known.add(events, 0.05)
+        known.add(events, events, 0.05)
     assert known.limits(ImageMotion(50.0))[1] == SURGE * 30_000
-    known.add(10**9, 0.05)  # one cluster does not say what is usual
+    known.add(10**9, 10**9, 0.05)  # one cluster does not say what is usual
     assert known.limits(ImageMotion(50.0))[1] == SURGE * 30_000
 
 
 @given(MOTION)
 def test_a_number_of_events_that_is_set_is_the_only_one(motion: ImageMotion | None) -> None:
     fixed = length((240, 180), max_events=5000, window=0.2)
-    fixed.add(10**6, 0.05)
+    fixed.add(10**6, 10**6, 0.05)
     assert fixed.limits(motion) == (0.2, 5000)
