@@ -125,7 +125,10 @@ class KltConfig(StageConfig):
     max_features: int = Field(default=200, ge=1, description="Features per frame and resolution.")
     spacing: int = Field(default=8, ge=1, description="Smallest distance between features, pixels.")
     closure_tolerance: float = Field(
-        default=0.5, gt=0, description="How near to its start a quad must end, pixels."
+        default=0.5,
+        gt=0,
+        description="How near to its start a quad must end, pixels, in a clean stream; among noise "
+        "it is divided by the contours' share of the events.",
     )
     row_tolerance: float = Field(
         default=1.5, gt=0, description="Largest row difference between left and right, pixels."

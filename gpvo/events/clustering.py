@@ -131,6 +131,12 @@ class StereoCluster:
     flash: float = 0.0
     between: int = 0
 
+    @property
+    def noise_share(self) -> float:
+        """Expected share of the events that are background activity, from 0 to 1."""
+        noise = self.left.noise_count + self.right.noise_count
+        return min(1.0, noise / max(1, self.left.event_count + self.right.event_count))
+
 
 class Clustering:
     """Cuts a stereo event stream into clusters, however it comes in batches.

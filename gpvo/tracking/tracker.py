@@ -116,7 +116,7 @@ class _ResolutionTracker:
         """Follow features into a cluster; return them, and those found new in the one before."""
         images = self._images(cluster)
         found = self._measured(self._new.result())
-        followed = self._measured(_follow(tracker, images, motion))
+        followed = self._measured(_follow(tracker, images, cluster.noise_share, motion))
         self._new = Begun(tracker.extend)
         return Observations.concatenate([found, followed])
 
@@ -161,9 +161,11 @@ class _ResolutionTracker:
         return (left, right) if self._side == 1 else (half_resolution(left), half_resolution(right))
 
 
-def _follow(tracker: KltTracker, images: StereoImage, motion: EgoMotion) -> Observations:
+def _follow(
+    tracker: KltTracker, images: StereoImage, noise_share: float, motion: EgoMotion
+) -> Observations:
     """Follow features to a pose, which may be found anew."""
-    tracker.T_start_cam = motion.T_start_cam
+    tracker.T_start_cam, tracker.noise_share = motion.T_start_cam, noise_share
     seen = tracker.follow(*images)
     if tracker.T_start_cam is not motion.T_start_cam:
         motion.relocate(tracker.T_start_cam)

@@ -31,7 +31,12 @@ FINE = 1
 
 
 def follow(
-    previous: Frame, frame: Frame, ahead: StereoPoints, warps: Array, config: KltConfig
+    previous: Frame,
+    frame: Frame,
+    ahead: StereoPoints,
+    warps: Array,
+    config: KltConfig,
+    closure_tolerance: float,
 ) -> tuple[Points, Points, Marks]:
     """Match the landmarks of the previous frame with a frame, from where they may be now (N, 2).
 
@@ -47,7 +52,7 @@ def follow(
     images = frame.left_image.image, frame.right_image.image
     coarsest = frame.left_image.coarsest, min(FINE, frame.left_image.coarsest)
     given = _quad(previous, frame), coarsest, images, previous.left_image.patch_size
-    limits = config.closure_tolerance, config.anchor_correlation, config.anchor_tolerance
+    limits = closure_tolerance, config.anchor_correlation, config.anchor_tolerance
     place = places(previous.anchors)
 
     def follow_part(part: slice) -> None:

@@ -47,6 +47,8 @@ LEAST_DRIFTED = 5
 """Least number of landmarks found again that tell by how much the motion has drifted."""
 NO_DRIFT = 1.0
 """Drift up to which the first matches are good, pixels."""
+LEAST_SHARE = 0.1
+"""Share of contours' events below which matches are taken to scatter no more."""
 NO_VARIANCES = np.empty((0, 3))
 
 
@@ -58,6 +60,8 @@ class KltTracker:
     T_start_cam
         (4, 4) pose of the frame that comes next, by the motion so far. Patches are warped by it, if
         the camera (in pixels of this resolution) is known. After a gap it is found anew.
+    noise_share
+        Share of the events in the pictures of the frame that comes next that are noise.
     report
         What became of the features of the latest frame.
     """
@@ -72,6 +76,7 @@ class KltTracker:
         self._landmark_count = 0
         self._new, self.report = (0, 0), TrackingReport(0, 0, 0, 0)
         self._most, self.T_start_cam = self._config.max_features, np.eye(4)
+        self.noise_share = 0.0
 
     def follow(self, left: Image, right: Image) -> Observations:
         """Follow the known landmarks into a new stereo frame, also those that were lost before."""
@@ -141,7 +146,8 @@ class KltTracker:
         if previous is None:
             return frame
         expected = self._predicted(previous, frame), self._warps(frame, previous.anchors)
-        left, right, marks = follow(previous, frame, *expected, self._config)
+        given = *expected, self._config, self._closure_tolerance
+        left, right, marks = follow(previous, frame, *given)
         seen = frame.with_landmarks(previous.landmark, left, right, previous.anchors)
         new = marks == CHANGED
         changed = frame.anchored(previous.landmark[new], left[new], right[new])
@@ -262,8 +268,13 @@ class KltTracker:
         images = frame.left_image, frame.right_image
         right, found = match_patches(*images, left, guess, coarser)
         back, found_back = match_patches(*images[::-1], right, right + (left - guess), coarser)
-        closed = np.linalg.norm(back - left, axis=1) < self._config.closure_tolerance
+        closed = np.linalg.norm(back - left, axis=1) < self._closure_tolerance
         return right, found & found_back & closed & self._is_stereo(frame, left, right)
+
+    @property
+    def _closure_tolerance(self) -> float:
+        """Matches scatter by the inverse of the contours' share in the picture."""
+        return self._config.closure_tolerance / max(LEAST_SHARE, 1 - self.noise_share)
 
     def _is_stereo(self, frame: Frame, left: Points, right: Points) -> Mask:
         images = frame.left_image.image, frame.right_image.image
