@@ -6,14 +6,17 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.match_precision import (
     LARGEST,
+    SHARE,
+    MatchPrecision,
     compare_patches_kernel,
     match_variances,
-    relative_deviations,
 )
 
 Points = NDArray[np.float32]
@@ -42,7 +45,7 @@ def pyramid(image: NDArray[np.float64]) -> Pyramid:
 def match_deviations(left: Pyramid, right: Pyramid, points: Points) -> NDArray[np.float64]:
     """Compute the deviations (N, 3) of points that do not move, which are all of the frame."""
     variances = match_variances(left, right, points, points)
-    return relative_deviations(variances, variances)
+    return MatchPrecision().deviations(variances, variances[:0])
 
 
 def test_noise_moves_matches_by_the_inverse_of_the_gradients_squares() -> None:
@@ -94,3 +97,28 @@ def test_equal_patches_count_alike_and_none_is_beyond_the_bounds() -> None:
     deviations = match_deviations(flat, flat, some)
     assert deviations.max() <= LARGEST and deviations.min() >= 1 / LARGEST
     assert match_deviations(same, same, points[:0]).shape == (0, 3)
+
+
+def frames_of(variance: float, number: int, seed: int) -> list[NDArray[np.float64]]:
+    rng = np.random.default_rng(seed)
+    return [variance * rng.uniform(0.9, 1.1, (25, 3)) for _ in range(number)]
+
+
+@given(st.floats(1e-6, 1e6), st.floats(0.2, 8.0))
+def test_a_frame_of_worse_matches_counts_less(variance: float, worse: float) -> None:
+    """Only ratios to the typical match count, and the typical one is that of many frames."""
+    precision = MatchPrecision()
+    for frame in frames_of(variance, 8, 1):
+        usual = precision.deviations(frame[:20], frame[20:])
+        assert np.abs(np.log(usual)).max() < 0.1
+    found = precision.deviations(*frames_of(worse * variance, 1, 2), np.empty((0, 3)))
+    expected = np.sqrt(SHARE * worse + 1 - SHARE)
+    np.testing.assert_allclose(np.median(found, axis=0), expected, rtol=0.05)
+
+
+def test_what_is_typical_follows_what_is_seen_for_long() -> None:
+    precision = MatchPrecision()
+    for variance in (1.0, 4.0):
+        for frame in frames_of(variance, 300, 3):
+            deviations = precision.deviations(frame, frame[:0])
+        np.testing.assert_allclose(np.median(deviations, axis=0), 1.0, rtol=0.05)

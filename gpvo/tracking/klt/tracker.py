@@ -23,7 +23,7 @@ from gpvo.tracking.klt.following import CHANGED, FINE, KNOWN, follow
 from gpvo.tracking.klt.frame import Frame
 from gpvo.tracking.klt.lost_landmarks import LostLandmarks, are_near
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
-from gpvo.tracking.klt.match_precision import match_variances, relative_deviations
+from gpvo.tracking.klt.match_precision import MatchPrecision, match_variances
 from gpvo.tracking.klt.patch_checks import are_stereo
 from gpvo.tracking.klt.relocation import refined_pose, relocated_pose
 from gpvo.tracking.klt.row_search import search_rows
@@ -69,7 +69,7 @@ class KltTracker:
     def __init__(self, config: TrackingConfig, camera: StereoCamera | None = None) -> None:
         self._config, self._features, self._camera = config.klt, config.features, camera
         self._previous: Frame | None = None
-        self._variances = NO_VARIANCES
+        self._variances, self._precision = NO_VARIANCES, MatchPrecision()
         self._lost = LostLandmarks(self._config.lost_landmarks, camera)
         self._relocations = 0
         self._frame_count = 0
@@ -108,6 +108,7 @@ class KltTracker:
     def take_back(self) -> None:
         """Forget the latest two frames and all landmarks; no identity is given twice."""
         self._previous, self._variances = None, NO_VARIANCES
+        self._precision = MatchPrecision()
         self._lost = LostLandmarks(self._config.lost_landmarks, self._camera)
         self._frame_count -= 2
 
@@ -134,7 +135,7 @@ class KltTracker:
         """Compute relative standard deviations (N, 3) of landmarks, and keep their variances."""
         images = seen.left_image, seen.right_image
         self._variances = match_variances(*images, seen.left, seen.right)
-        return relative_deviations(self._variances, np.concatenate([others, self._variances]))
+        return self._precision.deviations(self._variances, others)
 
     def _pyramid(self, image: Image) -> Pyramid:
         smoothed = smooth(image, self._config.smoothing)
