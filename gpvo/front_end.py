@@ -111,7 +111,9 @@ class FrontEnd:
         self._inliers, self._share = 0, 1.0
         self._qc: NDArray[np.float64] | None = None
         self._stage = stage
-        self.clustering = Clustering(rig, self.configuration.clustering, self._tracked_motion)
+        self.clustering = Clustering(
+            rig, self.configuration.clustering, self._tracked_motion, self._at_rest
+        )
         self._span = self._span_of(1.0)
 
     def relieve(self, features: float, spacing: float) -> None:
@@ -174,6 +176,11 @@ class FrontEnd:
         agree = self._inliers >= AGREE * self._share * self.configuration.tracking.klt.max_features
         density = known.density(self._qc) if agree and self._qc is not None else np.inf
         return ImageMotion(self._image_speed / pixel, known.value / pixel, density / pixel**2)
+
+    def _at_rest(self) -> bool:
+        """Return whether nothing moved in the latest cluster."""
+        report = self._tracking_report()
+        return report is not None and report.at_rest
 
     def tell_estimate(self, latest: MotionEstimate | None) -> None:
         """Tell the estimate at the cluster before: the pose to the tracker, Q_c to the clustering.

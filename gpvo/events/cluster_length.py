@@ -67,13 +67,16 @@ class ClusterLength:
         self._counts: deque[int] = deque(maxlen=REMEMBERED)
         self._rate = inf
 
-    def limits(self, image_motion: ImageMotion | None) -> tuple[float, int]:
-        """Return the longest duration, seconds, and the most events of either camera."""
+    def limits(self, image_motion: ImageMotion | None, at_rest: bool = False) -> tuple[float, int]:
+        """Return the longest duration, seconds, and the most events of either camera.
+
+        A camera at rest has no contours to wait for: where its motion begins is to be seen.
+        """
         config = self._config
         if config.max_events is not None:
             return config.window, config.max_events
         if image_motion is None:
-            duration = max(SHORT, self._enough_events())
+            duration = SHORT if at_rest else max(SHORT, self._enough_events())
             return min(duration, config.window), round(FIRST * self._pixels)
         usual = SURGE * float(median(self._counts)) if self._counts else 0.0
         return self._duration(image_motion), round(max(usual, LEAST * self._pixels))

@@ -143,7 +143,8 @@ class Clustering:
 
     A cluster ends after `config.window` seconds, or as soon as either camera has too many events;
     see `ClusterLength`. `image_motion` returns that of the features in the clusters so far, None if
-    it is unknown. Flashes are left out, and time between clusters: see `ClusterLength.period`.
+    it is unknown, and `at_rest` whether nothing moved in the latest one. Flashes are left out, and
+    time between clusters: see `ClusterLength.period`.
     """
 
     def __init__(
@@ -151,8 +152,10 @@ class Clustering:
         rig: StereoRig,
         config: ClusteringConfig,
         image_motion: Callable[[], ImageMotion | None] = lambda: None,
+        at_rest: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._image_motion, self._skip_flashes = image_motion, config.skip_flashes
+        self._image_motion, self._at_rest = image_motion, at_rest
+        self._skip_flashes = config.skip_flashes
         self._length, self._flashes, self._flash = ClusterLength(config, rig), FlashDetector(), 0.0
         self._hurry = 1.0
         self._sides = [
@@ -200,7 +203,7 @@ class Clustering:
         It is if it may end a cluster, or covers half of one: less is left to do at the end then.
         The noise filter has not seen the events, so that there may be fewer.
         """
-        duration, limit = self._length.limits(self._image_motion())
+        duration, limit = self._limits()
         most = waiting + max(side.count(self._start) for side in self._sides)
         may_end = stop >= self._start + duration or most >= limit
         return may_end or stop >= max(self._start, self._end) + 0.5 * duration
@@ -231,7 +234,7 @@ class Clustering:
 
         It begins earlier, in the time after the cluster before, if it would be short else.
         """
-        duration, limit = self._length.limits(self._image_motion())
+        duration, limit = self._limits()
         earliest = max(self._stopped, self.wanted_from)
         self._start = max(earliest, min(self._start, self._end - duration))
         if self._end <= self._start:
@@ -256,8 +259,11 @@ class Clustering:
         period = max(usual, min(self._hurry * usual, WIDEST * duration))
         self._start += max(period - duration, 0.0)
 
+    def _limits(self) -> tuple[float, int]:
+        return self._length.limits(self._image_motion(), self._at_rest())
+
     def _next_stop(self) -> float:
-        duration, limit = self._length.limits(self._image_motion())
+        duration, limit = self._limits()
         full = (side.full_at(self._start, limit) for side in self._sides)
         return min(self._start + duration, *full)
 

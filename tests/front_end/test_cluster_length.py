@@ -74,6 +74,7 @@ def test_slow_motion_with_few_events_has_time_for_enough(motion: ImageMotion | N
     assert known.limits(motion)[0] == SHORT
     known.add(pixels, LEAST * pixels / 2, SHORT)  # half of what is enough, the others are noise
     assert known.limits(motion)[0] == pytest.approx(2 * SHORT)
+    assert known.limits(None, at_rest=True)[0] == SHORT
     assert known.limits(ImageMotion(44.0, 1e6))[0] == pytest.approx(0.05)  # not in fast motion
     known.add(pixels, pixels, SHORT)
     assert known.limits(motion)[0] == SHORT

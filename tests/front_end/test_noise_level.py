@@ -76,5 +76,5 @@ def test_motion_after_rest_has_clusters_as_before() -> None:
     camera = Camera((240, 180), np.array([200.0, 200, 8, 6]), "none", np.zeros(4), np.eye(3))
     length = ClusterLength(ClusteringConfig(), StereoRig(camera, camera, 200.0, (8.0, 6.0), 0.1))
     for events in [20_000] * 10 + [300] * 40:
-        length.add(events, 0.1)
+        length.add(events, events, 0.1)
     assert length.limits(ImageMotion(50.0))[1] == 40_000
