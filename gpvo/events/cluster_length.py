@@ -17,7 +17,8 @@ from gpvo.recordings import StereoRig
 FIRST = 0.2
 """Events per pixel that end a cluster while the image motion is unknown."""
 SHORT = 0.1
-"""Duration, seconds, up to which slow motion is trusted to stay so, and while it is unknown."""
+"""Duration, seconds, up to which slow motion is trusted to stay so, the least while the motion is
+unknown, and that of a camera that begins at rest."""
 LEAST = 0.05
 """Events per pixel that a cluster may always have, and that slow motion is given time for, noise
 not counted."""
@@ -58,7 +59,7 @@ class ClusterLength:
     longer time counts. Until the motion is known, and where it surges, the number of events ends a
     cluster. Slow motion may become fast meanwhile: beyond `SHORT` its clusters last until contours
     would have moved as far at their acceleration, too, or until there are enough events to see it.
-    Where noise hides contours the motion is not found in less.
+    So do those of unknown motion: noise hides the contours of fewer events.
     """
 
     def __init__(self, config: ClusteringConfig, rig: StereoRig) -> None:
