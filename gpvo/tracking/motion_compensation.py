@@ -154,7 +154,7 @@ class MotionCompensation:
         self._waiting: Observations | None = None
         self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN
         self._learned, self._unsure = 0, -1
-        self._lag = ContourLag(config.lag)
+        self._lags = ContourLag(config.lag), ContourLag(config.lag)
         self._full_count: deque[float] = deque(maxlen=USUAL)
         self._noise, self._still = NoiseLevel(), False
 
@@ -220,12 +220,13 @@ class MotionCompensation:
 
         There they are moved ahead by the contours' lag. The second cluster tells it: the first
         observations come with those of the second. Where it is unknown later, they are UNSURE.
-        Disparities stay those of the pictures, because both pictures have the same reference time.
+        Disparities stay those of the pictures, which have the same reference time, but for the
+        lags: near things move otherwise in the left image than in the right one.
         """
         self._remember(seen)
         self._learn_flows()
         seen = self._with_waiting(seen)
-        left, times = seen.left.copy(), np.empty((len(seen), 2))
+        left, right, times = seen.left.copy(), seen.right.copy(), np.empty((len(seen), 2))
         oldest = self._frame_count - len(self._images)
         for number, (left_image, right_image) in enumerate(self._images, oldest):
             now, radius = seen.frame == number, self._config.time_radius
@@ -235,11 +236,15 @@ class MotionCompensation:
                 partial(left_image.at_own_times, seen.left[now], radius),
                 partial(right_image.at_own_times, seen.right[now], radius),
             )
-            left[now] += self._lag.ahead(seen.left[now])
+            right[now] += left[now] - seen.left[now]
+            ahead = self._lags[0].ahead(seen.left[now])
+            left[now] += ahead
+            right[now, 0] += self._lags[1].ahead(seen.right[now])[:, 0]
+            right[now, 1] += ahead[:, 1]  # the row is measured on the left
         return replace(
             seen,
             left=left,
-            right=seen.right + left - seen.left,
+            right=right,
             own_times=times,
             own_deviations=self._deviations(seen),
         )
@@ -289,7 +294,8 @@ class MotionCompensation:
         far = float(np.median(np.linalg.norm(left, axis=2))) * dt > BLURRED
         self.blurred = far and self._flows[0] is UNKNOWN
         self._flows, self._learned = (left, right), self._frame_count
-        self._lag.follow(left, dt, dt - self._pause)
+        for lag, flow in zip(self._lags, self._flows, strict=True):
+            lag.follow(flow, dt, dt - self._pause)
 
 
 def flow_between(

@@ -101,33 +101,50 @@ def test_without_motion_nothing_is_known_of_the_lag() -> None:
     np.testing.assert_array_equal(ContourLag(0.3).ahead(np.ones((3, 2))), np.zeros((3, 2)))
 
 
-def test_observations_are_moved_ahead_by_the_lag() -> None:
-    motion, count = np.array([40.0, 30.0]), 12
+def observed(
+    lag: float, left_motion: NDArray[np.float64], right_motion: NDArray[np.float64]
+) -> list[Observations]:
+    """Observe 12 landmarks that move so (pixels per second) in three clusters of usual length."""
+    count, step = 12, USUAL / np.linalg.norm(left_motion)
     places = np.random.default_rng(3).uniform([15, 12], [65, 48], (count, 2))
-    moved, step = [], USUAL / np.linalg.norm(motion)  # clusters of the usual length
-    for lag in (0.0, 0.25):
-        compensation = MotionCompensation(CompensationConfig(lag=lag), frames=3)
-        parts = []
-        for number in range(3):
-            t = step * (number + np.repeat([0.4, 0.5, 0.6], count))
-            events = shown(np.tile(places, (3, 1)) + t[:, None] * motion, t, (60, 80))
-            cluster = StereoCluster(step * number, step * (number + 1), events, events)
-            compensation.pictures(cluster)
-            seen = places + step * (number + 0.5) * motion
-            numbers = np.arange(count), np.full(count, number)
-            parts.append(compensation.timed(Observations(*numbers, seen, seen - [5.0, 0.0])))
-        # The first wait for the second cluster, which tells the motion, if it must be known.
-        assert [len(part) for part in parts] == [count * n for n in ((1, 1, 1), (0, 2, 1))[lag > 0]]
-        moved.append(Observations.concatenate(parts))
-    without, with_lag = moved
+    compensation, parts = MotionCompensation(CompensationConfig(lag=lag), frames=3), []
+    for number in range(3):
+        t = step * (number + np.repeat([0.4, 0.5, 0.6], count))
+        left, right = (
+            shown(np.tile(places + shift, (3, 1)) + t[:, None] * motion, t, (60, 80))
+            for shift, motion in (([0.0, 0.0], left_motion), ([-5.0, 0.0], right_motion))
+        )
+        compensation.pictures(StereoCluster(step * number, step * (number + 1), left, right))
+        middle, numbers = step * (number + 0.5), (np.arange(count), np.full(count, number))
+        seen = places + middle * left_motion, places - [5.0, 0.0] + middle * right_motion
+        parts.append(compensation.timed(Observations(*numbers, *seen)))
+    # The first wait for the second cluster, which tells the motion, if it must be known.
+    assert [len(part) for part in parts] == [count * n for n in ((1, 1, 1), (0, 2, 1))[lag > 0]]
+    return parts
+
+
+def test_observations_are_moved_ahead_by_the_lag() -> None:
+    motion = np.array([40.0, 30.0])
+    without, with_lag = (
+        Observations.concatenate(observed(lag, motion, motion)) for lag in (0.0, 0.25)
+    )
     np.testing.assert_array_equal(with_lag.landmark, without.landmark)
     np.testing.assert_array_equal(with_lag.frame, without.frame)
     way = with_lag.left - without.left
-    expected = np.tile(0.25 * motion / np.linalg.norm(motion), (3 * count, 1))
+    expected = np.tile(0.25 * motion / np.linalg.norm(motion), (len(way), 1))
     np.testing.assert_allclose(way, expected, atol=5e-3)  # nearly turned in the second cluster
-    np.testing.assert_allclose(way[-count:], expected[-count:], atol=1e-3)
-    np.testing.assert_allclose(with_lag.disparity, without.disparity, atol=1e-9)
+    np.testing.assert_allclose(way[-12:], expected[-12:], atol=1e-3)
+    np.testing.assert_allclose(with_lag.right - without.right, way, atol=1e-9)
     np.testing.assert_allclose(with_lag.times, without.times, atol=1e-4)
+
+
+def test_the_disparity_of_what_comes_nearer_has_the_lag_of_both_images() -> None:
+    """Left of the image's middle and right of it, contours lag in opposite directions."""
+    motions = np.array([30.0, 0.0]), np.array([-30.0, 0.0])
+    without, with_lag = (observed(lag, *motions)[-1] for lag in (0.0, 0.25))
+    np.testing.assert_allclose(with_lag.left - without.left, [[0.25, 0.0]] * 12, atol=1e-3)
+    np.testing.assert_allclose(with_lag.disparity - without.disparity, 2 * 0.25, atol=1e-3)
+    np.testing.assert_array_equal(with_lag.right[:, 1], with_lag.left[:, 1])
 
 
 def test_after_a_turn_observations_hardly_count_until_the_motion_is_known_again() -> None:
