@@ -31,9 +31,10 @@ class LearnedNoise:
         self._errors = MeasurementNoise(information, start.measurement_memory)
 
     def learn_motion(self, states: States, covariance: Array, linearized: States | None) -> None:
-        """Learn Q_c, see `MotionNoise.learn`."""
-        self._motion.learn(states, covariance, linearized)
-        self._set(acceleration_psd=self._motion.qc)
+        """Learn Q_c, see `MotionNoise.learn`, and weigh it as the measurements are weighed."""
+        weight = self._errors.prior_weight
+        self._motion.learn(states, covariance / weight, linearized)
+        self._set(acceleration_psd=weight * self._motion.qc)
 
     def learn_errors(self, landmarks: WindowLandmarks, window: NumberedStates) -> None:
         """Learn R from the measurements in the window, if that is due."""

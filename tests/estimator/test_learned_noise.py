@@ -10,7 +10,7 @@ from factors import wnoa_square_root_covariance
 from factors.lie import se3_exp, se3_right_jacobian
 from gpvo.config import Configuration, NoiseConfig
 from gpvo.estimator import FixedLagSmoother
-from gpvo.estimator.measurement_noise import ALIKE
+from gpvo.estimator.measurement_noise import ALIKE, EVEN, MeasurementNoise
 from gpvo.estimator.motion_noise import MotionNoise, wnoa_errors
 from gpvo.trajectory.states import States
 
@@ -80,15 +80,27 @@ def test_the_smoother_finds_a_livelier_motion(scale: float) -> None:
     assert found.measurement_information == true.measurement_information
 
 
+@pytest.mark.parametrize("weight", [0.5, 2.0])
+def test_the_prior_counts_as_the_root_of_the_rate(weight: float) -> None:
+    """Four times as many measurements a second count half each, relative to the motion's prior."""
+    errors, residuals = MeasurementNoise(np.ones(3), 1.0), np.zeros((10, 3))
+    even = MeasurementNoise(np.ones(3), 1.0)
+    for noise, dt in ((errors, EVEN / weight**2), (even, EVEN)):
+        noise.learn(0.0, residuals, 0, dt)
+    assert (even.prior_weight, errors.prior_weight) == (1.0, pytest.approx(weight))
+    relative = [1 / (noise.information * noise.prior_weight) for noise in (errors, even)]
+    np.testing.assert_allclose(relative[0] / relative[1], weight)
+
+
 @pytest.mark.parametrize("deviation", [0.5, 3.0])
 def test_the_smoother_finds_the_scale_of_the_measurements(deviation: float) -> None:
-    """Independent errors, which tracks do not have, count sqrt(ALIKE / dt) times all the same."""
+    """Independent errors, which tracks do not have, count ALIKE / dt times all the same."""
     start = NoiseConfig(track_drift=0.0, measurement_memory=5.0)
     information = tuple(x / deviation**2 for x in start.measurement_information)
     found = learned(start.model_copy(update={"measurement_information": information}), start)
     ratio = np.array(information) / found.measurement_information
     period = TrackletSimulation(start).period
-    np.testing.assert_allclose(ratio, np.sqrt(ALIKE / period), rtol=0.25)
+    np.testing.assert_allclose(ratio, ALIKE / period, rtol=0.25)
 
 
 def test_given_noise_is_kept() -> None:
