@@ -3,10 +3,11 @@
 Errors of consecutive measurements of a track are alike: they are of the same patch, on images that
 share their contours. What is left of them after the fit is therefore less than what they are off,
 and many of them say less than as many independent ones. Both grow as measurements follow each other
-faster: with the time dt between them, the variance counts ALIKE / dt times.
+faster: with the time dt between them, the variance counts sqrt(ALIKE / dt) times.
 
-The estimate depends on R relative to Q_c. It is best where that counts as the root of the rate: the
-acceleration is not white either. So Q_c, where it is learned, counts sqrt(EVEN / dt) times as well.
+That is best for the estimate, which depends on R relative to Q_c. Covariances are right if all
+variances count sqrt(EVEN / dt) times as well, R as the rate of the measurements then: the NEES of
+96 simulated poses was 0.6 in slow and 1.4 in fast motion without it, and is 1.0 and 0.9.
 """
 
 from __future__ import annotations
@@ -16,13 +17,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-ALIKE = 0.45
-"""Seconds: with it the NEES of 96 simulated poses is on average 0.9 in slow, 1.1 in hand-held and
-fast motion, and 1.1 among noise; with a variance that counts sqrt(3.4 s / dt) times, and Q_c as it
-is, 0.6 in slow and 1.4 in fast motion."""
-EVEN = 0.06
-"""Seconds between measurements with which Q_c is as it is learned. With Q_c as it is for any, the
-positions of 46 simulated recordings were 1.1 times as far off."""
+ALIKE = 3.4
+"""Seconds: with it positions of simulated recordings are best. ALIKE / dt itself, with 0.45 s, has
+errors 1.1 times as large."""
+EVEN = 0.08
+"""Time between measurements, seconds, with which covariances are right without a factor."""
 USUAL = 6.0
 """Number of measurements of a track that are alike, before it is known."""
 LEAST, MOST = 0.02, 100.0
@@ -45,14 +44,14 @@ class MeasurementNoise:
 
     Attributes
     ----------
-    prior_weight
-        How many times Q_c counts.
+    variance_factor
+        How many times all variances count, also those of the motion.
     """
 
     def __init__(self, start: Array, memory: float) -> None:
         self._start, self._memory, self._until = start, memory, -np.inf
         self._squares, self._redundancy, self._alike = TRUST / USUAL, TRUST, USUAL
-        self.prior_weight = 1.0
+        self.variance_factor = 1.0
 
     @property
     def information(self) -> Array:
@@ -70,7 +69,7 @@ class MeasurementNoise:
         The interval is the mean time between consecutive measurements of a track, seconds.
         """
         keep = np.exp(-min(t - self._until, 10 * self._memory) / self._memory)
-        self._until, self._alike = t, max(1.0, ALIKE / interval)
-        self.prior_weight = float(np.sqrt(EVEN / interval))
+        self._until, self._alike = t, max(1.0, float(np.sqrt(ALIKE / interval)))
+        self.variance_factor = float(np.sqrt(EVEN / interval))
         self._squares = keep * self._squares + float((residuals**2 @ self._start).sum())
         self._redundancy = keep * self._redundancy + redundancy

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.simulated_tracklets import TrackletSimulation
 from factors import wnoa_square_root_covariance
 from factors.lie import se3_exp, se3_right_jacobian
-from gpvo.config import Configuration, NoiseConfig
+from gpvo.config import Configuration, EstimatorConfig, NoiseConfig
 from gpvo.estimator import FixedLagSmoother
+from gpvo.estimator.initialization import InitialState
+from gpvo.estimator.learned_noise import scaled
 from gpvo.estimator.measurement_noise import ALIKE, EVEN, MeasurementNoise
 from gpvo.estimator.motion_noise import MotionNoise, wnoa_errors
 from gpvo.trajectory.states import States
@@ -81,26 +85,44 @@ def test_the_smoother_finds_a_livelier_motion(scale: float) -> None:
 
 
 @pytest.mark.parametrize("weight", [0.5, 2.0])
-def test_the_prior_counts_as_the_root_of_the_rate(weight: float) -> None:
-    """Four times as many measurements a second count half each, relative to the motion's prior."""
-    errors, residuals = MeasurementNoise(np.ones(3), 1.0), np.zeros((10, 3))
-    even = MeasurementNoise(np.ones(3), 1.0)
-    for noise, dt in ((errors, EVEN / weight**2), (even, EVEN)):
-        noise.learn(0.0, residuals, 0, dt)
-    assert (even.prior_weight, errors.prior_weight) == (1.0, pytest.approx(weight))
-    relative = [1 / (noise.information * noise.prior_weight) for noise in (errors, even)]
-    np.testing.assert_allclose(relative[0] / relative[1], weight)
+def test_variances_count_as_the_root_of_the_rate(weight: float) -> None:
+    """So that R counts as the rate itself, as it does alone already as its root."""
+    errors = [MeasurementNoise(np.ones(3), 1.0) for _ in range(2)]
+    for noise, dt in zip(errors, (EVEN / weight**2, EVEN), strict=True):
+        noise.learn(0.0, np.ones((10, 3)), 20, dt)
+    one, even = errors
+    assert (even.variance_factor, one.variance_factor) == (1.0, pytest.approx(weight))
+    np.testing.assert_allclose(one.information, even.information / weight)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+def test_scaled_noise_has_the_same_estimate_and_scaled_covariances(factor: float) -> None:
+    noise = NoiseConfig(track_drift=0.1)
+    simulation, rng = TrackletSimulation(noise, per_cluster=30), np.random.default_rng(1)
+    clusters = list(simulation.clusters(simulation.motion(1.0, rng), rng))
+    initial, config = InitialState.at_origin(noise), EstimatorConfig(state_interval=0.05, gate=0)
+    priors = initial, replace(initial, covariance=factor * initial.covariance)
+    found = []
+    for given, prior in zip((noise, scaled(noise, factor)), priors, strict=True):
+        smoother = FixedLagSmoother(simulation.camera, given, config, prior)
+        for end_time, measurements in clusters:
+            smoother.update(end_time, measurements)
+        latest = smoother.latest()
+        assert latest is not None
+        found.append(latest)
+    np.testing.assert_allclose(found[1].T_world_cam, found[0].T_world_cam, atol=1e-6)
+    np.testing.assert_allclose(found[1].covariance, factor * found[0].covariance, rtol=1e-3)
 
 
 @pytest.mark.parametrize("deviation", [0.5, 3.0])
 def test_the_smoother_finds_the_scale_of_the_measurements(deviation: float) -> None:
-    """Independent errors, which tracks do not have, count ALIKE / dt times all the same."""
+    """Independent errors, which tracks do not have, count sqrt(ALIKE / dt) times all the same."""
     start = NoiseConfig(track_drift=0.0, measurement_memory=5.0)
     information = tuple(x / deviation**2 for x in start.measurement_information)
     found = learned(start.model_copy(update={"measurement_information": information}), start)
     ratio = np.array(information) / found.measurement_information
     period = TrackletSimulation(start).period
-    np.testing.assert_allclose(ratio, ALIKE / period, rtol=0.25)
+    np.testing.assert_allclose(ratio, np.sqrt(ALIKE / period), rtol=0.25)
 
 
 def test_given_noise_is_kept() -> None:
