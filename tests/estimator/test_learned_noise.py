@@ -85,14 +85,14 @@ def test_the_smoother_finds_a_livelier_motion(scale: float) -> None:
 
 
 @pytest.mark.parametrize("weight", [0.5, 2.0])
-def test_variances_count_as_the_root_of_the_rate(weight: float) -> None:
-    """So that R counts as the rate itself, as it does alone already as its root."""
+def test_variances_count_as_the_cube_root_of_the_rate(weight: float) -> None:
+    """Of the measurements' own, their root counts besides."""
     errors = [MeasurementNoise(np.ones(3), 1.0) for _ in range(2)]
-    for noise, dt in zip(errors, (EVEN / weight**2, EVEN), strict=True):
+    for noise, dt in zip(errors, (EVEN / weight**3, EVEN), strict=True):
         noise.learn(0.0, np.ones((10, 3)), 20, dt)
     one, even = errors
     assert (even.variance_factor, one.variance_factor) == (1.0, pytest.approx(weight))
-    np.testing.assert_allclose(one.information, even.information / weight)
+    np.testing.assert_allclose(one.information, even.information / weight**1.5)
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5])
