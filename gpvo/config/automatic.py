@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import sqrt
 from typing import Any, TypeVar
 
@@ -21,12 +22,23 @@ LARGE = 640 * 480
 PATCH_SHARE = 1.8
 """Side of a patch over the square root of the focal length, both in tracked pixels."""
 
-LENGTHS: dict[str, dict[str, int]] = {
+Powers = Mapping[str, float]
+"""Fields of a stage, and the powers of a unit that they have."""
+
+LENGTHS: dict[str, Powers] = {
     "tracklets": {"time_radius": 1, "min_disparity": 1, "min_length": 1},
     "mc_ransac": {"pixel_threshold": 1},
     "noise": {"measurement_information": -2, "track_drift": 1, "known_again": 1},
 }
 """Fields in tracked pixels and the powers of a pixel that they have."""
+
+VARIANCES: Powers = {
+    "acceleration_psd": 1,
+    "measurement_information": -1,
+    "track_drift": 0.5,
+    "known_again": 0.5,
+}
+"""Fields of the noise and the powers of a variance that they have."""
 
 
 def for_camera(
@@ -73,22 +85,21 @@ def in_full_pixels(configuration: Configuration) -> Configuration:
     """Return the configuration with lengths in pixels of the sensor instead of tracked ones."""
     side = configuration.tracking.pixel
     stages = {
-        name: _scaled(getattr(configuration, name), powers, side)
-        for name, powers in LENGTHS.items()
+        name: scaled(getattr(configuration, name), powers, side) for name, powers in LENGTHS.items()
     }
     return configuration.model_copy(update=stages)
 
 
 def in_tracked_pixels(noise: NoiseConfig, configuration: Configuration) -> NoiseConfig:
     """Return noise in pixels of the sensor in tracked ones."""
-    return _scaled(noise, LENGTHS["noise"], 1 / configuration.tracking.pixel)
+    return scaled(noise, LENGTHS["noise"], 1 / configuration.tracking.pixel)
 
 
-def _scaled(stage: Stage, powers: dict[str, int], side: float) -> Stage:
-    """Return a stage's fields in units of which `side` are a present one."""
+def scaled(stage: Stage, powers: Powers, unit: float) -> Stage:
+    """Return a stage's fields in units of which `unit` are a present one."""
     values: dict[str, Any] = {}
     for name, power in powers.items():
         value = getattr(stage, name)
         many = isinstance(value, tuple)
-        values[name] = tuple(v * side**power for v in value) if many else value * side**power
+        values[name] = tuple(v * unit**power for v in value) if many else value * unit**power
     return stage.model_copy(update=values)

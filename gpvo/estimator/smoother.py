@@ -312,7 +312,7 @@ class FixedLagSmoother:
         """Let Q_c follow the motion, and R the residuals in the window."""
         window = self._window
         solved, steady = window.keys[: window.solved], not self._reckoning.in_window
-        if steady and len(solved) > 1 and self._learned.now.motion_memory > 0:
+        if steady and len(solved) > 1 and self.noise.motion_memory > 0:
             self._learned.learn_motion(solved, window.covariance(), window.linearized())
         self._learned.learn_errors(window.landmarks, window.numbered)
 

@@ -11,9 +11,9 @@ from benchmarks.simulated_tracklets import TrackletSimulation
 from factors import wnoa_square_root_covariance
 from factors.lie import se3_exp, se3_right_jacobian
 from gpvo.config import Configuration, EstimatorConfig, NoiseConfig
+from gpvo.config.automatic import VARIANCES, scaled
 from gpvo.estimator import FixedLagSmoother
 from gpvo.estimator.initialization import InitialState
-from gpvo.estimator.learned_noise import scaled
 from gpvo.estimator.measurement_noise import ALIKE, EVEN, MeasurementNoise
 from gpvo.estimator.motion_noise import MotionNoise, wnoa_errors
 from gpvo.trajectory.states import States
@@ -103,7 +103,7 @@ def test_scaled_noise_has_the_same_estimate_and_scaled_covariances(factor: float
     initial, config = InitialState.at_origin(noise), EstimatorConfig(state_interval=0.05, gate=0)
     priors = initial, replace(initial, covariance=factor * initial.covariance)
     found = []
-    for given, prior in zip((noise, scaled(noise, factor)), priors, strict=True):
+    for given, prior in zip((noise, scaled(noise, VARIANCES, factor)), priors, strict=True):
         smoother = FixedLagSmoother(simulation.camera, given, config, prior)
         for end_time, measurements in clusters:
             smoother.update(end_time, measurements)

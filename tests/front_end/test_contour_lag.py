@@ -20,6 +20,7 @@ from gpvo.tracking.motion_compensation import UNSURE, MotionCompensation
 from gpvo.tracking.tracklets import Tracklets
 
 WAVELENGTH, AMPLITUDE = 10.0, 0.6
+LANDMARKS = 12
 
 
 def flow(u: float, v: float) -> Flow:
@@ -104,8 +105,8 @@ def test_without_motion_nothing_is_known_of_the_lag() -> None:
 def observed(
     lag: float, left_motion: NDArray[np.float64], right_motion: NDArray[np.float64]
 ) -> list[Observations]:
-    """Observe 12 landmarks that move so (pixels per second) in three clusters of usual length."""
-    count, step = 12, USUAL / np.linalg.norm(left_motion)
+    """Observe LANDMARKS that move so (pixels per second) in three clusters of usual length."""
+    count, step = LANDMARKS, USUAL / np.linalg.norm(left_motion)
     places = np.random.default_rng(3).uniform([15, 12], [65, 48], (count, 2))
     compensation, parts = MotionCompensation(CompensationConfig(lag=lag), frames=3), []
     for number in range(3):
@@ -133,7 +134,7 @@ def test_observations_are_moved_ahead_by_the_lag() -> None:
     way = with_lag.left - without.left
     expected = np.tile(0.25 * motion / np.linalg.norm(motion), (len(way), 1))
     np.testing.assert_allclose(way, expected, atol=5e-3)  # nearly turned in the second cluster
-    np.testing.assert_allclose(way[-12:], expected[-12:], atol=1e-3)
+    np.testing.assert_allclose(way[-LANDMARKS:], expected[-LANDMARKS:], atol=1e-3)
     np.testing.assert_allclose(with_lag.right - without.right, way, atol=1e-9)
     np.testing.assert_allclose(with_lag.times, without.times, atol=1e-4)
 
@@ -142,7 +143,7 @@ def test_the_disparity_of_what_comes_nearer_has_the_lag_of_both_images() -> None
     """Left of the image's middle and right of it, contours lag in opposite directions."""
     motions = np.array([30.0, 0.0]), np.array([-30.0, 0.0])
     without, with_lag = (observed(lag, *motions)[-1] for lag in (0.0, 0.25))
-    np.testing.assert_allclose(with_lag.left - without.left, [[0.25, 0.0]] * 12, atol=1e-3)
+    np.testing.assert_allclose(with_lag.left - without.left, [[0.25, 0.0]] * LANDMARKS, atol=1e-3)
     np.testing.assert_allclose(with_lag.disparity - without.disparity, 2 * 0.25, atol=1e-3)
     np.testing.assert_array_equal(with_lag.right[:, 1], with_lag.left[:, 1])
 
