@@ -24,7 +24,7 @@ CELL = 8
 FINE = 4
 """Side of the cells whose events are moved alike, pixels: interpolating for each takes too long."""
 TOGETHER = 256
-"""Number of events that are moved before they are added."""
+"""Number of events that are rectified before they are moved, and moved before they are added."""
 SQUARINGS = 6
 """Of the cubic of exp(-n / 2^6), which make exp(-n) to 0.001 grey levels, without branches."""
 FAST = {"contract", "nsz"}
@@ -84,26 +84,41 @@ def add_events(
     moved = np.empty((TOGETHER, 3), np.float32)
     for first in range(0, len(t), TOGETHER * every):
         events = x[first:], y[first:], t[first : first + TOGETHER * every]
-        count = _move(*events, every, table, side, reference, fine, sums.shape, moved)
+        rectified = _rectify(*events, every, table, reference, moved)
+        count = _move(moved[:rectified], side, fine, sums.shape)
         _add(moved[:count], sums)
 
 
 @njit(**KERNEL, fastmath=FAST)
-def _move(
+def _rectify(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     t: Array,
     every: int,
     table: NDArray[np.float32],
-    side: int,
     reference: float,
-    fine: Flow,
-    shape: tuple[int, int, int],
     moved: Moved,
 ) -> int:
-    """Set where events are at the reference time, and their delays; return how many are inside.
+    """Set the rectified pixels and delays of each first of `every` events; return their number.
 
-    Nothing depends on the event before, so that the processor works on several at once.
+    The table of a large sensor is beyond the processor's caches. It waits for many entries at once
+    where it does nothing else meanwhile.
+    """
+    count = np.uint64(0)
+    for i in range(0, len(t), every):
+        place = table[np.uint64(y[i]), np.uint64(x[i])]
+        moved[count, 0], moved[count, 1] = place[0], place[1]
+        moved[count, 2] = np.float32(t[i] - reference)
+        count += np.uint64(1)
+    return int(count)
+
+
+@njit(**KERNEL, fastmath=FAST)
+def _move(moved: Moved, side: int, fine: Flow, shape: tuple[int, int, int]) -> int:
+    """Move events from rectified pixels to where they are at the reference time, in wider pixels.
+
+    Those inside come first; return their number. Nothing depends on the event before, so that the
+    processor works on several at once.
     """
     rows, columns, _ = fine.shape
     # 32 bits: these are converted in one step. Indices without a sign need no check for one.
@@ -111,12 +126,11 @@ def _move(
     right_end, low_end = np.float32(shape[1] - 1), np.float32(shape[0] - 1)
     scale, shift = np.float32(1 / side), np.float32((side - 1) / (2 * side))
     half, nothing, count = np.float32(0.5), np.float32(0), np.uint64(0)
-    for i in range(0, len(t), every):
-        place = table[np.uint64(y[i]), np.uint64(x[i])]
-        u, v = place[0] * scale - shift, place[1] * scale - shift
+    for i in range(len(moved)):
+        u, v = moved[i, 0] * scale - shift, moved[i, 1] * scale - shift
         inside = -half <= u < right_end + half and -half <= v < low_end + half
         u, v = u if inside else nothing, v if inside else nothing
-        delay = np.float32(t[i] - reference)
+        delay = moved[i, 2]
         row = min(np.int32(v + half) // np.int32(FINE), last_row)
         column = min(np.int32(u + half) // np.int32(FINE), last_column)
         motion = fine[np.uint64(row), np.uint64(column)]
