@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.fault_cases import Harm, burst, hot_pixel, standstill, unharmed
+from benchmarks.moving_things import passes_by
 from benchmarks.sensor_faults import flicker, half_dead, hot_pixels
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.load import load_poses
@@ -95,6 +96,7 @@ CASES = (
     _case("flicker", partial(flicker, frequency=100.0, disparity=8)),
     _case("burst", burst),
     _case("half_dead", half_dead),
+    _case("passes_by", partial(passes_by, width=0.26)),
     # A camera at rest has noise. Without any, events are missing: see `benchmarks.faults`.
     _case("5_s_still", standstill(5.0, 0.1), noise_rate=0.1),
 )

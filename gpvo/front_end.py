@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from factors import StereoCamera
 from gpvo.config import Configuration, for_camera, in_full_pixels
 from gpvo.events import Clustering, ImageMotion, StereoCluster
-from gpvo.mc_ransac import VelocityFit, mc_ransac, segments_between
+from gpvo.mc_ransac import TrackRecord, VelocityFit, mc_ransac, segments_between
 from gpvo.recordings import StereoRig
 from gpvo.tracking import (
     EgoMotion,
@@ -105,6 +105,7 @@ class FrontEnd:
             MultiResolutionTracker(full.tracking, self.camera) if tracker is None else tracker
         )
         self._tracklets = Tracklets(full.tracklets, full.tracking.earlier_frames)
+        self._record = TrackRecord() if full.mc_ransac.track_record else None
         self._tracked_pixel = full.tracking.pixel
         self._acceleration = ImageAcceleration(self.camera)
         self._image_speed: float | None = None
@@ -142,8 +143,7 @@ class FrontEnd:
             earlier, later = self._tracklets.pairs(self._span)
             too_short = self._tracklets.too_short()
         with self._stage("outlier rejection"):
-            segments = segments_between(earlier, later)
-            estimate = mc_ransac(segments, self.camera, self._information, self._config, self.rng)
+            estimate = self._velocity(earlier, later)
             inliers = np.zeros(len(later), bool) if estimate is None else estimate.inliers
             self._tracklets.reject(later.landmark[~inliers])
             measurements = self._tracklets.take(later.landmark[inliers])
@@ -164,6 +164,16 @@ class FrontEnd:
             inliers,
             measurements,
         )
+
+    def _velocity(self, earlier: Measurements, later: Measurements) -> VelocityFit | None:
+        """Find the velocity during the segments between measurements (N,) of the same landmarks."""
+        segments, known = segments_between(earlier, later), self._record
+        trusted = None if known is None else known.trusted(later.landmark)
+        given = self.camera, self._information, self._config, self.rng
+        estimate = mc_ransac(segments, *given, trusted)
+        if known is not None and estimate is not None:
+            known.judge(later.landmark, estimate.inliers)
+        return estimate
 
     def _tracked_motion(self) -> ImageMotion | None:
         """Return the motion of the features in tracked pixels; None while few are known.

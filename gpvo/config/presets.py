@@ -44,12 +44,14 @@ PAPER: dict[str, Any] = {
         "min_length": 2.0,
         "min_duration": 0.040,
         "rest_duration": 0.0,
+        "first_share": 0.0,
     },
     "mc_ransac": {
         "iterations": 10_000,
         "relative_threshold": 0.05,
         "pixel_threshold": 0.0,
         "confidence": 1.0,
+        "track_record": False,
         "refinements": 1,
     },
     "noise": {

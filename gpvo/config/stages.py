@@ -124,6 +124,13 @@ class KltConfig(StageConfig):
     )
     max_features: int = Field(default=200, ge=1, description="Features per frame and resolution.")
     spacing: int = Field(default=8, ge=1, description="Smallest distance between features, pixels.")
+    crowding: float | None = Field(
+        default=1.5,
+        ge=1,
+        description="The first features are found where a sixteenth of the image has at most so "
+        "many times its share of `max_features`: something that moves by itself does not get most "
+        "of them. Later ones are the strongest, wherever they are. null for no limit.",
+    )
     closure_tolerance: float = Field(
         default=0.5,
         gt=0,
@@ -359,6 +366,14 @@ class TrackletConfig(StageConfig):
         description="Duration from which a tracklet passes however short it is, seconds: the "
         "camera hardly moves; 0 for never, as in the paper.",
     )
+    first_share: float = Field(
+        default=0.5,
+        ge=0,
+        le=1,
+        description="Share of the landmarks seen again that must pass these filters before the "
+        "motion begins to be estimated, in the first 0.2 seconds: those that pass first may move "
+        "by themselves. 0 begins with any, as in the paper.",
+    )
     history: int = Field(
         default=10,
         ge=2,
@@ -390,6 +405,11 @@ class McRansacConfig(StageConfig):
         le=1,
         description="Stop drawing once a sample free of outliers was drawn with this probability; "
         "1 draws all `iterations`, as the paper does.",
+    )
+    track_record: bool = Field(
+        default=True,
+        description="Landmarks that were outliers more often than inliers propose no velocity, "
+        "unless most were: they may move by themselves.",
     )
     refinements: int = Field(
         default=5,

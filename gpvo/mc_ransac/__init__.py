@@ -4,9 +4,11 @@ from gpvo.mc_ransac.fast import fast_mc_ransac
 from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
 from gpvo.mc_ransac.mc_ransac import mc_ransac
 from gpvo.mc_ransac.segments import Segments, segments_between
+from gpvo.mc_ransac.track_record import TrackRecord
 
 __all__ = [
     "Segments",
+    "TrackRecord",
     "VelocityFit",
     "fast_mc_ransac",
     "iterative_mc_ransac",

@@ -26,13 +26,14 @@ def mc_ransac(
     information: ArrayLike,
     config: McRansacConfig,
     rng: np.random.Generator | int,
+    trusted: NDArray[np.bool_] | None = None,
 ) -> VelocityFit | None:
     """Find the largest set of segments that one velocity explains, and that velocity.
 
     The fast version proposes an inlier set, the iterative version refines it. `information` is the
     inverse covariance R^-1 of a measurement, (3, 3) or its diagonal (3,); `rng` draws the samples,
-    or is a seed. Returns None if no sample has enough inliers, or if they do not determine a
-    velocity.
+    or is a seed. They are drawn and judged among the `trusted` (N,) segments, or all. Returns None
+    if no sample has enough inliers, or if they do not determine a velocity.
 
     Raises
     ------
@@ -42,9 +43,10 @@ def mc_ransac(
     """
     information = checked_positive_definite("information", information, 3)
     camera = as_camera(camera)
-    if len(segments) < config.sample_size:
+    proposing = segments if trusted is None else segments[trusted]
+    if len(proposing) < config.sample_size:
         return None
-    velocity = fast_mc_ransac(segments, camera, config, rng)
+    velocity = fast_mc_ransac(proposing, camera, config, rng)
     inliers = are_inliers(segments, camera, velocity, config)
     if inliers.sum() < config.sample_size:
         return None

@@ -79,45 +79,70 @@ def extrema(
     return np.concatenate(points), np.concatenate(kinds), np.concatenate(heights)
 
 
+@dataclass(frozen=True)
+class Crowd:
+    """Limit of the number of features in each part of an image.
+
+    Attributes
+    ----------
+    width, height
+        Of a part, pixels.
+    most
+        Number of features in it.
+    """
+
+    width: int
+    height: int
+    most: int
+
+
+ANY = Crowd(2**31, 2**31, 2**31)
+"""No limit."""
+
+
 def strongest_spaced(
     points: NDArray[np.int32],
     strength: NDArray[np.float32] | NDArray[np.int16],
     taken: NDArray[np.float32],
     spacing: int,
     count: int,
+    crowd: Crowd = ANY,
 ) -> NDArray[np.int64]:
     """Return the indices of the strongest points `spacing` pixels from each other and from `taken`.
 
     The distance is the larger one of the distances in columns and rows. At most `count` indices are
-    returned, the strongest first.
+    returned, the strongest first, and none in parts of the image that are full.
     """
     order = np.argsort(-strength, kind="stable")
     everything = np.concatenate([np.rint(taken).astype(np.int32), points[order]])
-    kept = _greedy_spacing(everything, len(taken), spacing, count)
-    return order[kept]
+    limits = crowd.width, crowd.height, crowd.most
+    return order[_greedy_spacing(everything, len(taken), spacing, count, limits)]
 
 
 @kernel
 def _greedy_spacing(
-    points: NDArray[np.int32], taken: int, spacing: int, count: int
+    points: NDArray[np.int32], taken: int, spacing: int, count: int, crowd: tuple[int, int, int]
 ) -> NDArray[np.int64]:
     if len(points) == 0:
         return np.empty(0, np.int64)
     reach = spacing - 1
     width, height = points[:, 0].max() + spacing + 1, points[:, 1].max() + spacing + 1
     occupied = np.zeros((height, width), np.bool_)
+    numbers = np.zeros((height // crowd[1] + 1, width // crowd[0] + 1), np.int64)
     kept = np.empty(max(0, count), np.int64)
     number = 0
     for i in range(len(points)):
         u, v = points[i]
+        part = v // crowd[1], u // crowd[0]
         if i >= taken:
             if number >= count:
                 break
-            if occupied[v, u]:
+            if occupied[v, u] or numbers[part] >= crowd[2]:
                 continue
             kept[number] = i - taken
             number += 1
         occupied[max(0, v - reach) : v + reach + 1, max(0, u - reach) : u + reach + 1] = True
+        numbers[part] += 1
     return kept[:number]
 
 

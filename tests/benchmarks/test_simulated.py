@@ -161,7 +161,7 @@ def test_workers_can_be_sent_each_case(case: Case) -> None:
     assert sent.name == case.name and sent.config == case.config
 
 
-@pytest.mark.parametrize("name", ["hot_pixels", "flicker", "half_dead", "5_s_still"])
+@pytest.mark.parametrize("name", ["hot_pixels", "flicker", "half_dead", "5_s_still", "passes_by"])
 def test_sensors_that_are_not_as_they_should_be(name: str) -> None:
     """The harm is done, and the stream stays one: in order of time, within the sensor."""
     case = next(case for case in CASES if case.name == name)
@@ -179,6 +179,11 @@ def test_sensors_that_are_not_as_they_should_be(name: str) -> None:
         assert harmed.duration == pytest.approx(whole.duration + 5.0)
         noise = 0.1 * width * height * 5.0
         assert len(harmed.left) - len(whole.left) == pytest.approx(noise, rel=0.1)
+    elif name == "passes_by":
+        seen = [set(zip(r.left.x, r.left.y, r.left.t, strict=True)) for r in (whole, harmed)]
+        gone, come = seen[0] - seen[1], seen[1] - seen[0]
+        assert len(gone) > 100 and len(come) > 100 and len(seen[0] & seen[1]) > 1000
+        assert all(0.1 * width < u < 0.45 * width for u, _, _ in gone | come)
     else:
         assert len(harmed.left) > 1.5 * len(whole.left)
 

@@ -19,6 +19,8 @@ WITHOUT_UNIT = {
     "relative_decrease",
     "gate",
     "spacing",
+    "crowding",
+    "first_share",
     "density",
     "velocity_share",
     "acceleration_psd",

@@ -12,8 +12,10 @@ from scipy import ndimage
 
 from gpvo.config import FeatureConfig
 from gpvo.tracking.features import (
+    ANY,
     DESCRIPTOR_OFFSETS,
     MARGIN,
+    Crowd,
     block_maxima,
     describe,
     detect,
@@ -166,10 +168,17 @@ def test_half_resolution_is_the_mean_of_four_rounded_down(shape: tuple[int, int]
             assert half[row, column] == int(block.astype(int).sum()) // 4
 
 
-@given(seeds, st.integers(0, 60), st.integers(0, 10), st.integers(1, 12), st.integers(-3, 30))
-@settings(deadline=None, max_examples=60)
+@given(
+    seeds,
+    st.integers(0, 60),
+    st.integers(0, 10),
+    st.integers(1, 12),
+    st.integers(-3, 30),
+    st.sampled_from([ANY, Crowd(60, 60, 5), Crowd(15, 20, 2), Crowd(20, 15, 0)]),
+)
+@settings(deadline=None, max_examples=80)
 def test_spaced_features_are_the_greedy_choice(
-    seed: int, candidates: int, taken_count: int, spacing: int, count: int
+    seed: int, candidates: int, taken_count: int, spacing: int, count: int, crowd: Crowd
 ) -> None:
     rng = np.random.default_rng(seed)
     points = rng.integers(0, 60, (candidates, 2)).astype(np.int32)
@@ -179,7 +188,10 @@ def test_spaced_features_are_the_greedy_choice(
     occupied, expected = [*np.rint(taken)], []
     for i in np.argsort(-strength):
         free = all(np.abs(points[i] - other).max() >= spacing for other in occupied)
-        if free and len(expected) < count:
+        part = points[i] // (crowd.width, crowd.height)
+        alike = [(other // (crowd.width, crowd.height) == part).all() for other in occupied]
+        if free and sum(alike) < crowd.most and len(expected) < count:
             occupied.append(points[i])
             expected.append(i)
-    assert strongest_spaced(points, strength, taken, spacing, count).tolist() == expected
+    chosen = strongest_spaced(points, strength, taken, spacing, count, crowd)
+    assert chosen.tolist() == expected

@@ -11,13 +11,15 @@ Landmarks that were lost are searched by their anchors, too.
 
 from __future__ import annotations
 
+from math import ceil
+
 import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
 from gpvo.config import TrackingConfig
 from gpvo.second_thread import both
-from gpvo.tracking.features import extrema, smooth, strongest_spaced
+from gpvo.tracking.features import ANY, Crowd, extrema, smooth, strongest_spaced
 from gpvo.tracking.klt.anchors import Anchors, match_anchors
 from gpvo.tracking.klt.following import CHANGED, FINE, KNOWN, follow
 from gpvo.tracking.klt.frame import Frame
@@ -37,6 +39,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
+PARTS = 4
+"""Parts along each side of the image, whose numbers of first features are limited."""
 FEW = 30
 """Number of features below which there is nothing to be known again."""
 RELOCATED = 10
@@ -242,9 +246,16 @@ class KltTracker:
         points, _, response = extrema(
             frame.left_image.image, self._features.nms_radius, self._features.response_threshold
         )
-        room = self._room(frame)
-        chosen = strongest_spaced(points, response, frame.left, self._config.spacing, room)
+        apart = self._config.spacing, self._room(frame), self._crowd(frame)
+        chosen = strongest_spaced(points, response, frame.left, *apart)
         return points[chosen].astype(np.float32)
+
+    def _crowd(self, frame: Frame) -> Crowd:
+        """Return how many features each part of the image may have: the first ones are spread."""
+        if self._config.crowding is None or len(frame.landmark):
+            return ANY
+        height, width = (-(-side // PARTS) for side in frame.left_image.image.shape)
+        return Crowd(width, height, ceil(self._config.crowding * self._most / PARTS**2))
 
     def _room(self, frame: Frame) -> int:
         """Return how many more landmarks a frame may have."""
