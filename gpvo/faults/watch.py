@@ -12,6 +12,7 @@ from gpvo.faults.clocks import ClockWatch
 from gpvo.faults.doubled import DoubledEvents
 from gpvo.faults.fault import Fault
 from gpvo.faults.flashes import leaves_out
+from gpvo.faults.outliers import many_outliers
 from gpvo.faults.rates import different_rates
 from gpvo.faults.silence import Silence
 from gpvo.faults.views import Views
@@ -77,6 +78,7 @@ class FaultWatch:
             self._say(different_rates(self._reports))
         if not report.at_rest:
             self._say(self._views.see(cluster))
+            self._say(many_outliers(self._reports))
         self._say(self._lost())
 
     @property
