@@ -27,7 +27,7 @@ from gpvo.estimator.initialization import (
     start_states,
     velocity_ahead,
 )
-from gpvo.estimator.isam2 import FAILURES, pairs_of_neighbours
+from gpvo.estimator.isam2 import FAILURES, blocks_of_neighbours
 from gpvo.estimator.state_times import Lag, state_times
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements, seen_twice
@@ -239,7 +239,7 @@ def _knots_after(
         reckoning,
     )
     covariance = window.covariance(build, 1 + len(final))
-    return CovarianceKnots(t[: 1 + len(final)], pairs_of_neighbours(covariance))
+    return CovarianceKnots(t[: 1 + len(final)], blocks_of_neighbours(covariance))
 
 
 def _start_covariance(known: CovarianceKnots, first_deviations: Array) -> Array:

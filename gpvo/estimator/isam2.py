@@ -112,10 +112,14 @@ def joint_covariance(solved: gtsam.ISAM2, numbers: Sequence[int]) -> Array:
     return covariance
 
 
-def pairs_of_neighbours(covariance: Array) -> Array:
-    """Return the (n - 1, 24, 24) blocks of each state and the next from a (12 n, 12 n) one."""
-    pairs = 12 * np.arange(len(covariance) // 12 - 1)[:, None] + np.arange(24)
-    return covariance[pairs[:, :, None], pairs[:, None, :]]
+def blocks_of_neighbours(covariance: Array, count: int = 2) -> Array:
+    """Return the (n - count + 1, 12 count, 12 count) blocks of `count` states in a row.
+
+    They are of a (12 n, 12 n) covariance.
+    """
+    first = 12 * np.arange(len(covariance) // 12 - count + 1)
+    rows = first[:, None] + np.arange(12 * count)
+    return covariance[rows[:, :, None], rows[:, None, :]]
 
 
 def are_covariances(matrices: Array) -> bool:

@@ -18,7 +18,7 @@ from gpvo.estimator.initialization import InitialState, start_states
 from gpvo.estimator.isam2 import (
     KeyStateSmoother,
     are_covariances,
-    pairs_of_neighbours,
+    blocks_of_neighbours,
     prior_covariance,
 )
 from gpvo.estimator.own_factors import OwnFactors, factors_that_leave
@@ -155,7 +155,7 @@ class LagWindow:
         joint = joint_covariances(t, self.keys.t, self.covariance(), self.between)
         if are_covariances(joint):
             return CovarianceKnots(t, joint)
-        return CovarianceKnots(t, pairs_of_neighbours(self._covariance_by_prior(t)))
+        return CovarianceKnots(t, blocks_of_neighbours(self._covariance_by_prior(t)))
 
     def what_leaves(self, before: float) -> Leaving:
         """Return the states before a time, seconds, of which at least the last key state stays."""

@@ -1,10 +1,18 @@
 """Power spectral density of the acceleration, learned from the motion that is seen.
 
-The WNOA errors e of the key states have the covariance Q(dt) = q Q_1(dt). After the measurements
-were used, e^T Q^-1 e is expected to be the redundancy r = n - trace(Q^-1 J P J^T), where P is the
-covariance of the states and J the Jacobian of e. Therefore q e^T Q^-1 e / r estimates q: this is
-Foerstner's estimate of variance components (1979), one for rotation and one for translation, over
-the recent past.
+The WNOA errors e of the key states have the covariance Q(dt) = q Q_1(dt), so that their whitened
+values w, for unit Q_c, have the variance q. So have the changes between neighbouring intervals,
+
+    c = (w_next / sqrt(dt_next) - w / sqrt(dt)) / sqrt(1 / dt_next + 1 / dt),
+
+which are zero where the acceleration is constant. Of a motion that is not white, errors tell the
+density of slow accelerations, as those of a hand, and changes that of fast ones, as those of a
+drone that shakes, which otherwise are smoothed away. The prior is ready for both: q is the larger.
+
+After the measurements were used, the sum of n squares is expected to be q r, with the redundancy
+r = n - trace(J P J^T) / q, where P is the covariance of the states and J the Jacobian. Therefore
+sum / r estimates q: this is Foerstner's estimate of variance components (1979), one for rotation
+and one for translation, over the recent past.
 """
 
 from __future__ import annotations
@@ -14,7 +22,7 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_adjoint, se3_inverse, se3_log, se3_right_jacobian_inverse
 from factors.wnoa import information_root
-from gpvo.estimator.isam2 import pairs_of_neighbours
+from gpvo.estimator.isam2 import blocks_of_neighbours
 from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
@@ -38,14 +46,15 @@ class MotionNoise:
 
     def __init__(self, start: Array, memory: float) -> None:
         self._start, self._memory = start, memory
-        self._squares, self._redundancy = np.full(2, TRUST), np.full(2, TRUST)
+        # of errors and changes, each of rotation and translation
+        self._squares, self._redundancy = np.full((2, 2), TRUST), np.full((2, 2), TRUST)
         self._until = -np.inf
 
     @property
     def qc(self) -> Array:
         """(6,) present diagonal of Q_c."""
         scale = np.clip(self._squares / self._redundancy, LEAST, MOST)
-        return self._start * np.repeat(scale, 3)
+        return self._start * np.repeat(scale.max(axis=0), 3)
 
     def learn(self, states: States, covariance: Array, linearized: States | None = None) -> None:
         """Add what is known of consecutive states and their covariance (12 K, 12 K).
@@ -64,31 +73,67 @@ class MotionNoise:
         self._redundancy = keep * self._redundancy + np.maximum(redundancy, 0.0)
 
     def _window(self, states: States, covariance: Array, linearized: States) -> tuple[Array, Array]:
-        """Compute squared errors, relative to the start's Q_c, and redundancies, (2,) each."""
+        """Compute squares, relative to the start's Q_c, and redundancies.
+
+        Both are (2, 2): of errors and of changes, of rotation and translation.
+        """
         dt = np.diff(states.t)
-        error = wnoa_errors(states)
-        root = information_root(dt)  # (K - 1, 2, 2)
-        white = np.einsum("kab,kbi->kai", root, error) / np.sqrt(self._start)
-        spread = relative_spread(linearized, covariance, root)
-        squares = (white**2).sum(axis=(0, 1)).reshape(2, 3).sum(axis=1)
-        redundancy = (2 - spread / self.qc).sum(axis=0).reshape(2, 3).sum(axis=1)
+        white = np.einsum("kab,kbi->kai", information_root(dt), wnoa_errors(states))
+        jacobian = white_jacobian(linearized)
+        squares, redundancy = np.empty((2, 2)), np.empty((2, 2))
+        for place, (values, of_states) in enumerate(
+            [(white, jacobian), (acceleration_changes(white, dt), change_jacobian(jacobian, dt))]
+        ):
+            free = 2 - axis_variances(of_states, covariance) / self.qc
+            squares[place] = _by_component((values**2).sum(axis=1) / self._start)
+            redundancy[place] = _by_component(free)
         return squares, redundancy
 
 
-def relative_spread(states: States, covariance: Array, root: Array) -> Array:
-    """Compute the traces (K - 1, 6) of the whitened errors' covariances, axis by axis, unit Q_c.
+def _by_component(axes: Array) -> Array:
+    """Add (K, 6) up to (2,): rotation and translation."""
+    return np.asarray(axes.sum(axis=0).reshape(2, 3).sum(axis=1))
 
-    `root` (K - 1, 2, 2) whitens them. What both poses have in common cancels only where the first
-    one's error is seen from the second, hence the adjoint.
+
+def acceleration_changes(white: Array, dt: Array) -> Array:
+    """Compute changes (K - 2, 2, 6) of errors (K - 1, 2, 6) between intervals dt, seconds."""
+    before, after = _shares(dt)[:, :, None, None]
+    return np.asarray(after * white[1:] - before * white[:-1])
+
+
+def change_jacobian(jacobian: Array, dt: Array) -> Array:
+    """Compute the Jacobian (K - 2, 12, 36) of the changes from that of the errors."""
+    before, after = _shares(dt)[:, :, None, None]
+    changes = np.zeros((len(dt) - 1, 12, 36))
+    changes[:, :, 12:] = after * jacobian[1:]
+    changes[:, :, :24] -= before * jacobian[:-1]
+    return changes
+
+
+def _shares(dt: Array) -> Array:
+    """Return the shares (2, K - 2) of an interval and the next one in their change."""
+    return np.sqrt(np.stack([dt[1:], dt[:-1]]) / (dt[1:] + dt[:-1]))
+
+
+def white_jacobian(states: States) -> Array:
+    """Compute the Jacobian (K - 1, 12, 24) of the whitened errors, unit Q_c, by state and next.
+
+    What both poses have in common cancels only where the first one's error is seen from the
+    second, hence the adjoint.
     """
     T, dt = states.T_world_cam, np.diff(states.t)
     jacobian = np.zeros((len(dt), 2, 6, 24))
     jacobian[:, 0, :, :6] = -se3_adjoint(se3_inverse(se3_inverse(T[:-1]) @ T[1:]))
     jacobian[:, 0, :, 6:12], jacobian[:, 0, :, 12:18] = -dt[:, None, None] * np.eye(6), np.eye(6)
     jacobian[:, 1, :, 6:12], jacobian[:, 1, :, 18:] = -np.eye(6), np.eye(6)
-    white = np.einsum("kab,kbin->kain", root, jacobian).reshape(-1, 12, 24)
-    variances = (white @ pairs_of_neighbours(covariance) * white).sum(axis=2)
-    return np.asarray(variances.reshape(-1, 2, 6).sum(axis=1))
+    white = np.einsum("kab,kbin->kain", information_root(dt), jacobian)
+    return np.asarray(white.reshape(-1, 12, 24))
+
+
+def axis_variances(jacobian: Array, covariance: Array) -> Array:
+    """Compute the sums (M, 6) of both variances of each axis, of (M, 12, 12 n) of n states."""
+    blocks = blocks_of_neighbours(covariance, jacobian.shape[2] // 12)
+    return np.asarray(((jacobian @ blocks) * jacobian).sum(axis=2).reshape(-1, 2, 6).sum(axis=1))
 
 
 def wnoa_errors(states: States) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StatesBetween
-from gpvo.estimator.isam2 import pairs_of_neighbours
+from gpvo.estimator.isam2 import blocks_of_neighbours
 from gpvo.estimator.state_times import state_times
 from gpvo.trajectory.covariance_knots import CovarianceKnots
 
@@ -60,4 +60,4 @@ def joint_covariances(
     if between is not None:
         return between.joint_covariances(t, covariance)
     columns = (12 * np.searchsorted(t_keys, t)[:, None] + np.arange(12)).ravel()
-    return pairs_of_neighbours(covariance[np.ix_(columns, columns)])
+    return blocks_of_neighbours(covariance[np.ix_(columns, columns)])

@@ -13,7 +13,7 @@ from gpvo.estimator.batch_graph import Window, landmark_points, nested_dissectio
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
 from gpvo.estimator.initialization import fused_velocity
-from gpvo.estimator.isam2 import are_covariances, pairs_of_neighbours, prior_covariance
+from gpvo.estimator.isam2 import are_covariances, blocks_of_neighbours, prior_covariance
 from gpvo.estimator.state_times import state_times
 from gpvo.mc_ransac import VelocityFit
 from gpvo.tracking import Measurements, seen_twice
@@ -118,7 +118,7 @@ def test_covariance_of_the_prior_alone_is_that_of_its_graph() -> None:
     found = prior_covariance(first, t, BUILD.qc.tolist())
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((found - expected) / scale).max() < 1e-6
-    pairs = pairs_of_neighbours(found)
+    pairs = blocks_of_neighbours(found)
     assert pairs.shape == (3, 24, 24)
     assert np.array_equal(pairs[2], found[24:, 24:])
     assert are_covariances(pairs)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,12 +11,21 @@ import pytest
 from benchmarks.simulated_tracklets import TrackletSimulation
 from factors import wnoa_square_root_covariance
 from factors.lie import se3_exp, se3_right_jacobian
+from factors.wnoa import information_root
 from gpvo.config import Configuration, EstimatorConfig, NoiseConfig
 from gpvo.config.automatic import VARIANCES, scaled
 from gpvo.estimator import FixedLagSmoother
 from gpvo.estimator.initialization import InitialState
+from gpvo.estimator.isam2 import prior_covariance
 from gpvo.estimator.measurement_noise import ALIKE, EVEN, MeasurementNoise
-from gpvo.estimator.motion_noise import MotionNoise, wnoa_errors
+from gpvo.estimator.motion_noise import (
+    MotionNoise,
+    acceleration_changes,
+    axis_variances,
+    change_jacobian,
+    white_jacobian,
+    wnoa_errors,
+)
 from gpvo.trajectory.states import States
 
 START = np.array(NoiseConfig().acceleration_psd)
@@ -55,23 +65,81 @@ def test_errors_of_the_prior_are_those_that_the_states_were_made_with() -> None:
 
 @pytest.mark.parametrize("scale", [0.3, 1.0, 100.0])
 def test_known_states_tell_the_scale_of_each_component(scale: float) -> None:
-    """Without uncertainty the estimate is the mean of 12 N squares, chi-squared distributed."""
+    """Without uncertainty the estimate is the mean of 12 N squares.
+
+    Neighbouring ones have a common error, and a correlation of 1/4: the variance is 1.5 times that
+    of independent ones.
+    """
     qc = START * np.repeat([scale, 1.0], 3)
     noise = MotionNoise(START, memory=1e6)
     noise.learn(random_states(qc, 1000), np.zeros((12000, 12000)))
     ratio = noise.qc / START
-    np.testing.assert_allclose(ratio, np.repeat([scale, 1.0], 3), rtol=4 * np.sqrt(2 / 6000))
+    bound = 4 * np.sqrt(1.5 * 2 / 6000)
+    np.testing.assert_allclose(ratio, np.repeat([scale, 1.0], 3), rtol=bound)
+
+
+def white_changes(states: States) -> np.ndarray:
+    """Changes (K - 2, 2, 6) of the whitened errors."""
+    dt = np.diff(states.t)
+    white = np.einsum("kab,kbi->kai", information_root(dt), wnoa_errors(states))
+    return acceleration_changes(white, dt)
+
+
+def test_a_constant_acceleration_has_no_changes() -> None:
+    t = np.cumsum([0.0, 0.05, 0.03, 0.06, 0.01, 0.05, 0.05])
+    axis, acceleration = np.array([0.3, -0.2, 0.1, 2.0, 1.0, -3.0]), 0.5
+    T = se3_exp(0.5 * acceleration * t[:, None] ** 2 * axis)
+    states = States(t, T, acceleration * t[:, None] * axis)
+    assert np.abs(wnoa_errors(states)).max() > 0.05
+    np.testing.assert_allclose(white_changes(states), 0.0, atol=1e-12)
+
+
+def test_accelerations_that_alternate_count_for_more_than_their_size() -> None:
+    """Their changes are twice as large, in squares, as those of white noise."""
+    t = 0.05 * np.arange(40)
+    velocity = np.cumsum((-1.0) ** np.arange(40))[:, None] * np.full(6, 0.05)
+    T = [np.eye(4)]
+    for before, after in pairwise(velocity):
+        T.append(T[-1] @ se3_exp(0.025 * (before + after)))
+    states = States(t, np.array(T), velocity)
+    squares = wnoa_errors(states)[:, 1, 0].var() / 0.05 / 2  # whitened, it is in two values
+    noise = MotionNoise(np.full(6, squares), memory=1e6)
+    noise.learn(states, np.zeros((480, 480)))
+    ratio = noise.qc / squares
+    assert (ratio > 1.5).all() and (ratio < 2.5).all()
+
+
+def test_variances_of_errors_and_changes_are_those_of_numerical_jacobians() -> None:
+    states, rng = random_states(START, 4, dt=0.02), np.random.default_rng(5)
+    dt = np.diff(states.t)
+
+    def moved(delta: np.ndarray) -> States:
+        by_state = delta.reshape(-1, 2, 6)
+        T = states.T_world_cam @ se3_exp(by_state[:, 0])
+        return States(states.t, T, states.twist + by_state[:, 1])
+
+    def errors(one: States) -> np.ndarray:
+        return np.einsum("kab,kbi->kai", information_root(dt), wnoa_errors(one))
+
+    root = rng.standard_normal((48, 48)) * np.tile(np.repeat([1e-4, 1e-2], 6), 4)[:, None]
+    covariance, of_errors = root @ root.T, white_jacobian(states)
+    for values, jacobian in (
+        (errors, of_errors),
+        (white_changes, change_jacobian(of_errors, dt)),
+    ):
+        steps = 1e-6 * np.eye(48)
+        columns = [(values(moved(step)) - values(moved(-step))) / 2e-6 for step in steps]
+        numerical = np.stack(columns, axis=-1)
+        expected = np.einsum("kaij,jl,kail->ki", numerical, covariance, numerical)
+        np.testing.assert_allclose(axis_variances(jacobian, covariance), expected, rtol=0.02)
 
 
 def test_states_as_uncertain_as_the_prior_teach_nothing() -> None:
     """Where the posterior is the prior, no error remains and the redundancy is zero."""
     noise = MotionNoise(START, memory=1.0)
-    dt, twist = 0.1, np.zeros((2, 6))
-    states = States(np.array([0.0, dt]), np.tile(np.eye(4), (2, 1, 1)), twist)
-    covariance = np.zeros((24, 24))
-    root = wnoa_square_root_covariance(dt, START)
-    covariance[12:, 12:] = root @ root.T
-    noise.learn(states, covariance)
+    t = np.array([0.0, 0.1, 0.15])
+    states = States(t, np.tile(np.eye(4), (3, 1, 1)), np.zeros((3, 6)))
+    noise.learn(states, prior_covariance(np.zeros((12, 12)), t, START.tolist()))
     np.testing.assert_allclose(noise.qc, START, rtol=1e-9)
 
 
@@ -132,12 +200,12 @@ def test_given_noise_is_kept() -> None:
 
 def test_a_jerk_after_rest_is_followed_at_once() -> None:
     noise = MotionNoise(START, memory=1.0)
-    tiny = np.eye(24) * 1e-12
+    tiny = np.eye(36) * 1e-12
     for number in range(40):
-        rest = random_states(1e-4 * START, 2, number)
+        rest = random_states(1e-4 * START, 3, number)
         noise.learn(States(rest.t + 0.05 * number, rest.T_world_cam, rest.twist), tiny)
     at_rest = noise.qc
-    jerk = random_states(1e3 * START, 2, 99)
+    jerk = random_states(1e3 * START, 3, 99)
     noise.learn(States(jerk.t + 2.0, jerk.T_world_cam, jerk.twist), tiny)
     assert (at_rest <= 0.11 * START).all() and (noise.qc > 10 * START).all()
 
