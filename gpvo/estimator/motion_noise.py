@@ -78,16 +78,18 @@ class MotionNoise:
         Both are (2, 2): of errors and of changes, of rotation and translation.
         """
         dt = np.diff(states.t)
-        white = np.einsum("kab,kbi->kai", information_root(dt), wnoa_errors(states))
-        jacobian = white_jacobian(linearized)
-        squares, redundancy = np.empty((2, 2)), np.empty((2, 2))
-        for place, (values, of_states) in enumerate(
-            [(white, jacobian), (acceleration_changes(white, dt), change_jacobian(jacobian, dt))]
-        ):
-            free = 2 - axis_variances(of_states, covariance) / self.qc
-            squares[place] = _by_component((values**2).sum(axis=1) / self._start)
-            redundancy[place] = _by_component(free)
-        return squares, redundancy
+        root = information_root(dt)
+        white = np.einsum("kab,kbi->kai", root, wnoa_errors(states))
+        jacobian = white_jacobian(linearized, root)
+        squares = [white**2, acceleration_changes(white[:-1], white[1:], dt) ** 2]
+        variances = [
+            axis_variances(of_states, covariance)
+            for of_states in (jacobian, change_jacobian(jacobian, dt))
+        ]
+        return (
+            np.stack([_by_component(both.sum(axis=1) / self._start) for both in squares]),
+            np.stack([_by_component(2 - known / self.qc) for known in variances]),
+        )
 
 
 def _by_component(axes: Array) -> Array:
@@ -95,38 +97,35 @@ def _by_component(axes: Array) -> Array:
     return np.asarray(axes.sum(axis=0).reshape(2, 3).sum(axis=1))
 
 
-def acceleration_changes(white: Array, dt: Array) -> Array:
-    """Compute changes (K - 2, 2, 6) of errors (K - 1, 2, 6) between intervals dt, seconds."""
-    before, after = _shares(dt)[:, :, None, None]
-    return np.asarray(after * white[1:] - before * white[:-1])
+def acceleration_changes(before: Array, after: Array, dt: Array) -> Array:
+    """Compute changes (K - 2, ...) from intervals to the next ones, of dt (K - 1,) seconds.
+
+    `before` and `after` are what both have: whitened errors, or what is linear in them.
+    """
+    shares = np.sqrt(np.stack([dt[1:], dt[:-1]]) / (dt[1:] + dt[:-1]))
+    of_before, of_after = shares[:, :, None, None]
+    return np.asarray(of_after * after - of_before * before)
 
 
 def change_jacobian(jacobian: Array, dt: Array) -> Array:
     """Compute the Jacobian (K - 2, 12, 36) of the changes from that of the errors."""
-    before, after = _shares(dt)[:, :, None, None]
-    changes = np.zeros((len(dt) - 1, 12, 36))
-    changes[:, :, 12:] = after * jacobian[1:]
-    changes[:, :, :24] -= before * jacobian[:-1]
-    return changes
+    of_before = np.pad(jacobian[:-1], ((0, 0), (0, 0), (0, 12)))
+    of_after = np.pad(jacobian[1:], ((0, 0), (0, 0), (12, 0)))
+    return acceleration_changes(of_before, of_after, dt)
 
 
-def _shares(dt: Array) -> Array:
-    """Return the shares (2, K - 2) of an interval and the next one in their change."""
-    return np.sqrt(np.stack([dt[1:], dt[:-1]]) / (dt[1:] + dt[:-1]))
-
-
-def white_jacobian(states: States) -> Array:
+def white_jacobian(states: States, root: Array) -> Array:
     """Compute the Jacobian (K - 1, 12, 24) of the whitened errors, unit Q_c, by state and next.
 
-    What both poses have in common cancels only where the first one's error is seen from the
-    second, hence the adjoint.
+    `root` (K - 1, 2, 2) whitens them. What both poses have in common cancels only where the first
+    one's error is seen from the second, hence the adjoint.
     """
     T, dt = states.T_world_cam, np.diff(states.t)
     jacobian = np.zeros((len(dt), 2, 6, 24))
     jacobian[:, 0, :, :6] = -se3_adjoint(se3_inverse(se3_inverse(T[:-1]) @ T[1:]))
     jacobian[:, 0, :, 6:12], jacobian[:, 0, :, 12:18] = -dt[:, None, None] * np.eye(6), np.eye(6)
     jacobian[:, 1, :, 6:12], jacobian[:, 1, :, 18:] = -np.eye(6), np.eye(6)
-    white = np.einsum("kab,kbin->kain", information_root(dt), jacobian)
+    white = np.einsum("kab,kbin->kain", root, jacobian)
     return np.asarray(white.reshape(-1, 12, 24))
 
 
