@@ -1,16 +1,14 @@
 """`gpvo` and `python -m gpvo`: signals are handled before anything that takes time is imported."""
 
-from gpvo.commands.interruption import end_at_once, ignore_signals
+from gpvo.commands.interruption import signals_of_the_program
 
 
 def main() -> None:
     """Run the command line; see `gpvo.commands.cli.main`."""
-    with end_at_once():
+    with signals_of_the_program():
         from gpvo.commands.cli import main as command_line
-    try:
+
         command_line()
-    finally:
-        ignore_signals()
 
 
 if __name__ == "__main__":

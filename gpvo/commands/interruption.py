@@ -11,6 +11,7 @@ from threading import current_thread, main_thread
 from typing import Any
 
 Handler = Callable[[int, object], None]
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TERMINATED = 128 + signal.SIGTERM
 """Exit status after SIGTERM."""
 
@@ -28,13 +29,28 @@ def signals_to(handler: Handler) -> Iterator[None]:
     if current_thread() is not main_thread():
         yield
         return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, handler) for number in numbers]
+    before = [signal.signal(number, handler) for number in SIGNALS]
     try:
         yield
     finally:
-        for number, earlier in zip(numbers, before, strict=True):
+        for number, earlier in zip(SIGNALS, before, strict=True):
             signal.signal(number, earlier)
+
+
+@contextmanager
+def signals_of_the_program() -> Iterator[None]:
+    """End the process at once at Ctrl-C or SIGTERM, where nothing inside handles them otherwise.
+
+    Afterwards they are ignored: the exit status is known, and Python takes a while to end. There
+    is no moment at which the system's own handling could end the process without a status.
+    """
+    for number in SIGNALS:
+        signal.signal(number, _end_now)
+    try:
+        yield
+    finally:
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def end_at_once() -> AbstractContextManager[None]:
@@ -42,11 +58,11 @@ def end_at_once() -> AbstractContextManager[None]:
 
     An exception would come out of the package that is being initialised as another one.
     """
+    return signals_to(_end_now)
 
-    def end(number: int, _: object) -> None:
-        os._exit(say_end(number))
 
-    return signals_to(end)
+def _end_now(number: int, _: object) -> None:
+    os._exit(say_end(number))
 
 
 @contextmanager
@@ -71,13 +87,6 @@ def end_by_exit() -> Iterator[None]:
             yield
     finally:
         sys.unraisablehook = before
-
-
-def ignore_signals() -> None:
-    """Ignore Ctrl-C and SIGTERM from now on, while Python ends: the exit status is known."""
-    if current_thread() is main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
 
 
 def say_end(number: int) -> int:

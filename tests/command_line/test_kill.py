@@ -98,6 +98,23 @@ def test_the_end_may_come_at_any_time(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_end_while_handlers_change_is_none_by_the_system(number: signal.Signals) -> None:
+    """From the first handler on there is no moment at which the system's own would act."""
+    code = (
+        "import os, signal, sys; change, changes = signal.signal, []\n"
+        "def watched(signal_number, handler):\n"
+        "    before = change(signal_number, handler); changes.append(handler)\n"
+        f"    if len(changes) == {{}}: os.kill(os.getpid(), {int(number)}); sum(range(100))\n"
+        "    return before\n"
+        "signal.signal = watched; sys.argv = ['gpvo', '--version']\n"
+        "from gpvo.__main__ import main; main()"
+    )
+    for changes in range(2, 9):
+        done = subprocess.run([sys.executable, "-c", code.format(changes)], capture_output=True)
+        assert done.returncode in {0, 128 + number} and b"Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_end_while_python_ends_is_none_by_a_signal(number: signal.Signals) -> None:
     """Python gives signals back to the system before it has ended."""
     for delay in np.linspace(0.0, 0.03, 6).tolist():
