@@ -13,6 +13,7 @@ import numpy as np
 from gpvo.errors import InputError
 from gpvo.evaluation.report.run_time import Cost
 from gpvo.evaluation.report.table import Cell, ResultTable
+from gpvo.trajectory.whole_file import whole_file
 
 RELEVANT = 0.05
 """Smallest relative change of a mean that is called better or worse."""
@@ -144,10 +145,14 @@ def change_text(now: Mapping[int, float], then: Mapping[int, float], metric: Met
 
 
 def write_summary(path: Path, results: Sequence[Any], facts: Mapping[str, Any]) -> None:
-    """Write all results, which are dataclasses, with their configuration and simulations."""
+    """Write all results, which are dataclasses, with their configuration and simulations.
+
+    A file that is there is replaced as a whole: it stays readable when the run is killed.
+    """
     rows = [{name: _plain(value) for name, value in asdict(result).items()} for result in results]
     text = json.dumps({**facts, "results": rows}, indent=2)
-    path.write_text(text + "\n", encoding="utf-8")
+    with whole_file(path) as file:
+        file.write(f"{text}\n".encode())
 
 
 def _plain(value: object) -> object:

@@ -23,6 +23,7 @@ from benchmarks.drift_cases import (
     loop,
     there_and_back,
 )
+from benchmarks.drift_summary import DriftResult
 from benchmarks.simulated_cases import FLIGHTS, Case
 from gpvo.config import Configuration
 from gpvo.evaluation import evaluate
@@ -64,6 +65,21 @@ def test_a_run_leaves_a_row_for_each_variant(tmp_path: Path) -> None:
         in table
     )
     assert "| default | – | – |" in table.partition("still")[2]
+
+
+def test_what_was_run_is_kept_when_it_ends_early(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run_case(case: Case, seed: int, _: list[str]) -> list[DriftResult]:
+        if case.name == "still":
+            raise KeyboardInterrupt
+        return [DriftResult(case.name, seed, "default", ate=0.01)]
+
+    monkeypatch.setattr("benchmarks.drift.run_case", run_case)
+    with pytest.raises(KeyboardInterrupt):
+        main(["--jobs", "1", "--output", str(tmp_path)], Console(file=StringIO()), SUITE)
+    rows = json.loads((tmp_path / "drift.json").read_text())["results"]
+    assert [(row["case"], row["ate"]) for row in rows] == [("small", 0.01)]
 
 
 def test_a_trajectory_that_is_one_percent_long_drifts_one_percent() -> None:
