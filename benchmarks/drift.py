@@ -161,13 +161,13 @@ def main(
         make_folder(options.output)
     tasks = [(case, seed, options.variants) for case in cases for seed in range(options.seeds)]
     simulations = {case.name: case.config.model_dump(mode="json") for case in cases}
+    facts = {"variants": VARIANTS, "simulations": simulations}
     results = []
     for done in in_order(run_case, tasks, options.jobs, None):
         results += done
         for one in done:
             console.print(one.line(), highlight=False, markup=False)
         if options.output is not None:
-            facts = {"variants": VARIANTS, "simulations": simulations}
             write_summary(options.output / "drift.json", results, facts)
     tables = [case_table(results, case.name) for case in cases]
     for table in tables:

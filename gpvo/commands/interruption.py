@@ -24,8 +24,11 @@ class Interruption:
 
 
 @contextmanager
-def signals_to(handler: Handler) -> Iterator[None]:
-    """Let a function handle Ctrl-C and SIGTERM; they go to the main thread alone."""
+def signals_to(handler: Handler, afterwards: signal.Handlers | None = None) -> Iterator[None]:
+    """Let a function handle Ctrl-C and SIGTERM; they go to the main thread alone.
+
+    Afterwards what handled them before does again, unless something else is given.
+    """
     if current_thread() is not main_thread():
         yield
         return
@@ -34,23 +37,16 @@ def signals_to(handler: Handler) -> Iterator[None]:
         yield
     finally:
         for number, earlier in zip(SIGNALS, before, strict=True):
-            signal.signal(number, earlier)
+            signal.signal(number, earlier if afterwards is None else afterwards)
 
 
-@contextmanager
-def signals_of_the_program() -> Iterator[None]:
+def signals_of_the_program() -> AbstractContextManager[None]:
     """End the process at once at Ctrl-C or SIGTERM, where nothing inside handles them otherwise.
 
     Afterwards they are ignored: the exit status is known, and Python takes a while to end. There
     is no moment at which the system's own handling could end the process without a status.
     """
-    for number in SIGNALS:
-        signal.signal(number, _end_now)
-    try:
-        yield
-    finally:
-        for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+    return signals_to(_end_now, signal.SIG_IGN)
 
 
 def end_at_once() -> AbstractContextManager[None]:
