@@ -31,11 +31,12 @@ FARTHEST = 20.0
 class ContourLag:
     """Lag of contours at each place of an image, which follows the image motion.
 
-    `lag` is its size where clusters move by the USUAL way, pixels.
+    `lag` is its size where clusters move by the USUAL way, pixels. `turned` is how far it turned in
+    the latest cluster, pixels, the median of all places.
     """
 
     def __init__(self, lag: float) -> None:
-        self._lag = lag
+        self._lag, self.turned = lag, 0.0
         self._behind: Flow = np.zeros((1, 1, 2), np.float32)
 
     def follow(self, flow: Flow, dt: float, duration: float) -> None:
@@ -47,7 +48,9 @@ class ContourLag:
         way = speed * duration
         lag = self._lag * np.cbrt(np.minimum(way, FARTHEST) / USUAL) / speed * flow
         turned = 1 - np.exp(-speed * dt / WAY)
-        self._behind = np.asarray(self._behind + turned * (lag - self._behind), np.float32)
+        change = turned * (lag - self._behind)
+        self.turned = float(np.median(np.linalg.norm(change, axis=2)))
+        self._behind = np.asarray(self._behind + change, np.float32)
 
     def ahead(self, points: Array) -> Array:
         """Return the way (N, 2) from contours that are seen at points (N, 2) to where they are."""

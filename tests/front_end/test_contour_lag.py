@@ -16,7 +16,7 @@ from gpvo.events import StereoCluster
 from gpvo.tracking import Observations
 from gpvo.tracking.contour_lag import FARTHEST, USUAL, ContourLag
 from gpvo.tracking.event_sums import Flow
-from gpvo.tracking.motion_compensation import UNSURE, MotionCompensation
+from gpvo.tracking.motion_compensation import TURN, UNSURE, MotionCompensation
 from gpvo.tracking.tracklets import Tracklets
 
 WAVELENGTH, AMPLITUDE = 10.0, 0.6
@@ -98,6 +98,15 @@ def test_time_between_clusters_turns_the_lag_and_does_not_add_to_it() -> None:
     assert ahead(spaced)[0] < 0.3 * ahead(usual)[0]
 
 
+@given(st.lists(st.tuples(st.floats(-80, 80), st.floats(-80, 80)), min_size=2, max_size=5))
+def test_it_is_known_how_far_the_lag_turned(motions: list[tuple[float, float]]) -> None:
+    lag, before = ContourLag(0.3), np.zeros(2)
+    for motion in motions:
+        lag.follow(flow(*motion), 1 / 50, 1 / 50)
+        assert lag.turned == pytest.approx(np.linalg.norm(ahead(lag) - before), abs=1e-6)
+        before = ahead(lag)
+
+
 def test_without_motion_nothing_is_known_of_the_lag() -> None:
     np.testing.assert_array_equal(ContourLag(0.3).ahead(np.ones((3, 2))), np.zeros((3, 2)))
 
@@ -148,12 +157,13 @@ def test_the_disparity_of_what_comes_nearer_has_the_lag_of_both_images() -> None
     np.testing.assert_array_equal(with_lag.right[:, 1], with_lag.left[:, 1])
 
 
-def test_after_a_turn_observations_hardly_count_until_the_motion_is_known_again() -> None:
+def test_observations_count_less_while_the_lag_turns() -> None:
+    """After a turn they hardly count until the motion is known again, then less at first."""
     count, step, speed = 20, 0.05, 60.0
     places = np.random.default_rng(5).uniform([25, 12], [55, 48], (count, 2))
-    ways = speed * step * np.array([0, 1, 2, 1, 0])
-    firsts, compensation = [0, 0, 0, 100, 100], MotionCompensation(CompensationConfig(), frames=3)
-    found = []
+    ways = speed * step * np.array([0, 1, 2, 3, 2, 1, 0])
+    firsts, compensation = [0, 0, 0, 0, 100, 100, 100], MotionCompensation(CompensationConfig(), 3)
+    doubts = []
     for number, (way, first) in enumerate(zip(ways, firsts, strict=True)):
         now = places + np.array([way, 0.0])
         t = step * (number + np.repeat([0.4, 0.5, 0.6], count))
@@ -162,11 +172,16 @@ def test_after_a_turn_observations_hardly_count_until_the_motion_is_known_again(
         numbers = first + np.arange(count), np.full(count, number)
         given = np.full((count, 3), 0.5)
         seen = Observations(*numbers, now, now - [5.0, 0.0], own_deviations=given)
-        found.append(compensation.timed(seen))
-    assert [len(seen) for seen in found] == [0, 2 * count, count, count, count]
-    for number, seen in enumerate(found[1:], 1):
-        expected = [0.5 * UNSURE] * 2 + [0.5] if number == 3 else [0.5] * 3
-        np.testing.assert_array_equal(seen.deviations, np.tile(expected, (len(seen), 1)))
+        seen = compensation.timed(seen)
+        assert len(seen) == [0, 2 * count, *[count] * 5][number]
+        np.testing.assert_array_equal(seen.deviations[:, 2], 0.5)
+        np.testing.assert_array_equal(seen.deviations[:, 0], seen.deviations[:, 1])
+        doubts += (seen.deviations[::count, 0] / 0.5).tolist()
+    lag = compensation._lags[0].ahead(places)
+    size = float(np.linalg.norm(np.median(lag, axis=0)))
+    assert doubts[:2] == [1.0, pytest.approx(np.hypot(1, size / TURN), rel=0.02)]  # it was unknown
+    assert doubts[4:6] == [UNSURE, pytest.approx(min(UNSURE, 2 * size / TURN), rel=0.02)]
+    np.testing.assert_allclose([doubts[3], doubts[6]], 1.0, atol=0.02)  # it stays
 
 
 def test_tracklets_begin_with_observations_that_waited() -> None:

@@ -15,12 +15,9 @@ from shown_events import of_surface, shown
 from gpvo.config.stages import CompensationConfig
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.tracking import Observations
+from gpvo.tracking.compensated_image import CompensatedImage
 from gpvo.tracking.event_sums import CELL, Flow, brightness, motion_at
-from gpvo.tracking.motion_compensation import (
-    CompensatedImage,
-    MotionCompensation,
-    flow_between,
-)
+from gpvo.tracking.motion_compensation import MotionCompensation, flow_between
 from gpvo.tracking.tracker import to_full_resolution
 
 SHAPE = (60, 80)
