@@ -35,7 +35,7 @@ USUAL = 20
 """Number of latest clusters with motion; the fullest of them is full."""
 LEAST_FEATURES = 8
 """Number of features below which the image motion is unknown."""
-UNSURE = 8.0
+UNSURE = 4.0
 """How many times larger deviations are while the lag is unknown: all points are off alike."""
 TURN = 0.1
 """Turn of the lag in a cluster, pixels, from which its errors are larger than the matches'.

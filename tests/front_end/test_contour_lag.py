@@ -162,8 +162,8 @@ def test_observations_count_less_while_the_lag_turns() -> None:
     count, step, speed = 20, 0.05, 60.0
     places = np.random.default_rng(5).uniform([25, 12], [55, 48], (count, 2))
     ways = speed * step * np.array([0, 1, 2, 3, 2, 1, 0])
-    firsts, compensation = [0, 0, 0, 0, 100, 100, 100], MotionCompensation(CompensationConfig(), 3)
-    doubts = []
+    firsts, doubts = [0, 0, 0, 0, 100, 100, 100], list[float]()
+    compensation = MotionCompensation(CompensationConfig(lag=0.15), frames=3)
     for number, (way, first) in enumerate(zip(ways, firsts, strict=True)):
         now = places + np.array([way, 0.0])
         t = step * (number + np.repeat([0.4, 0.5, 0.6], count))
@@ -177,10 +177,9 @@ def test_observations_count_less_while_the_lag_turns() -> None:
         np.testing.assert_array_equal(seen.deviations[:, 2], 0.5)
         np.testing.assert_array_equal(seen.deviations[:, 0], seen.deviations[:, 1])
         doubts += (seen.deviations[::count, 0] / 0.5).tolist()
-    lag = compensation._lags[0].ahead(places)
-    size = float(np.linalg.norm(np.median(lag, axis=0)))
-    assert doubts[:2] == [1.0, pytest.approx(np.hypot(1, size / TURN), rel=0.02)]  # it was unknown
-    assert doubts[4:6] == [UNSURE, pytest.approx(min(UNSURE, 2 * size / TURN), rel=0.02)]
+    lag = np.linalg.norm(np.median(compensation._lags[0].ahead(places), axis=0))
+    assert doubts[:2] == [1.0, pytest.approx(np.hypot(1, lag / TURN), rel=0.02)]  # it was unknown
+    assert doubts[4:6] == [UNSURE, pytest.approx(np.hypot(1, 2 * lag / TURN), rel=0.02)]
     np.testing.assert_allclose([doubts[3], doubts[6]], 1.0, atol=0.02)  # it stays
 
 
