@@ -66,7 +66,7 @@ class ClusterLength:
         width, height = rig.left.resolution
         self._config, self._pixels = config, width * height
         self._counts: deque[int] = deque(maxlen=REMEMBERED)
-        self._rate = inf
+        self._rate, self._noise_rate = inf, 0.0
 
     def limits(self, image_motion: ImageMotion | None, at_rest: bool = False) -> tuple[float, int]:
         """Return the longest duration, seconds, and the most events of either camera.
@@ -77,10 +77,19 @@ class ClusterLength:
         if config.max_events is not None:
             return config.window, config.max_events
         if image_motion is None:
-            duration = SHORT if at_rest else max(SHORT, self._enough_events())
-            return min(duration, config.window), round(FIRST * self._pixels)
+            return self._of_unknown_motion(0.0 if at_rest else self._enough_events())
         usual = SURGE * float(median(self._counts)) if self._counts else 0.0
         return self._duration(image_motion), round(max(usual, LEAST * self._pixels))
+
+    def _of_unknown_motion(self, enough: float) -> tuple[float, int]:
+        """Return the limits where the latest rate gives enough events in so many seconds.
+
+        If that is long, the motion begins: they may come sooner, and that ends the cluster.
+        """
+        if enough <= SHORT:
+            return min(SHORT, self._config.window), round(FIRST * self._pixels)
+        most = LEAST * self._pixels + self._noise_rate * enough
+        return min(enough, self._config.window), round(most)
 
     def _duration(self, motion: ImageMotion) -> float:
         config = self._config
@@ -121,6 +130,6 @@ class ClusterLength:
         They are those of the camera with more. Clusters of a camera at rest do not say what is
         usual in motion.
         """
-        self._rate = contours / duration
+        self._rate, self._noise_rate = contours / duration, (events - contours) / duration
         if events >= LEAST * self._pixels:
             self._counts.append(events)

@@ -80,6 +80,17 @@ def test_slow_motion_with_few_events_has_time_for_enough(motion: ImageMotion | N
     assert known.limits(motion)[0] == SHORT
 
 
+@given(st.floats(0.05, 0.95), st.floats(0, 2))
+def test_enough_events_end_the_cluster_of_a_motion_that_begins(share: float, noise: float) -> None:
+    """Where it was slow it lasts longer, but only until there are enough contours."""
+    known, pixels = length((240, 180), window=10.0), 240 * 180
+    contours, others = share * LEAST * pixels, round(noise * LEAST * pixels)
+    known.add(round(contours) + others, contours, SHORT)
+    duration, most = known.limits(None)
+    assert duration == pytest.approx(SHORT / share)
+    assert most == pytest.approx(LEAST * pixels + others * duration / SHORT, abs=20)
+
+
 @given(st.floats(22, 1e5), ACCELERATION)
 def test_the_longer_of_both_times_counts(speed: float, acceleration: float) -> None:
     limits = length((240, 180)).limits
