@@ -59,7 +59,7 @@ class ClusterLength:
     longer time counts. Until the motion is known, and where it surges, the number of events ends a
     cluster. Slow motion may become fast meanwhile: beyond `SHORT` its clusters last until contours
     would have moved as far at their acceleration, too, or until there are enough events to see it.
-    So do those of unknown motion: noise hides the contours of fewer events.
+    So do those of unknown motion, as noise hides the contours of fewer events, but no longer.
     """
 
     def __init__(self, config: ClusteringConfig, rig: StereoRig) -> None:

@@ -47,8 +47,7 @@ class ContourLag:
         speed = np.maximum(np.linalg.norm(flow, axis=2, keepdims=True), 1e-9)
         way = speed * duration
         lag = self._lag * np.cbrt(np.minimum(way, FARTHEST) / USUAL) / speed * flow
-        turned = 1 - np.exp(-speed * dt / WAY)
-        change = turned * (lag - self._behind)
+        change = (1 - np.exp(-speed * dt / WAY)) * (lag - self._behind)
         self.turned = float(np.median(np.linalg.norm(change, axis=2)))
         self._behind = np.asarray(self._behind + change, np.float32)
 
