@@ -86,10 +86,10 @@ class ClusterLength:
 
         If that is long, the motion begins: they may come sooner, and that ends the cluster.
         """
-        if enough <= SHORT:
-            return min(SHORT, self._config.window), round(FIRST * self._pixels)
-        most = LEAST * self._pixels + self._noise_rate * enough
-        return min(enough, self._config.window), round(most)
+        most = FIRST * self._pixels
+        if enough > SHORT:
+            most = LEAST * self._pixels + self._noise_rate * enough
+        return min(max(SHORT, enough), self._config.window), round(most)
 
     def _duration(self, motion: ImageMotion) -> float:
         config = self._config

@@ -31,16 +31,17 @@ FARTHEST = 20.0
 class ContourLag:
     """Lag of contours at each place of an image, which follows the image motion.
 
-    `lag` is its size where clusters move by the USUAL way, pixels. `turned` is how far it turned in
-    the latest cluster, pixels, the median of all places.
+    `lag` is its size where clusters move by the USUAL way, pixels.
     """
 
     def __init__(self, lag: float) -> None:
-        self._lag, self.turned = lag, 0.0
+        self._lag = lag
         self._behind: Flow = np.zeros((1, 1, 2), np.float32)
 
-    def follow(self, flow: Flow, dt: float, duration: float) -> None:
+    def follow(self, flow: Flow, dt: float, duration: float) -> Flow:
         """Turn the lag by the image motion (rows, columns, 2), pixels per second, of a cluster.
+
+        Returns by how much it turned at each place, pixels.
 
         dt is the time since the one before, of which the pictures show `duration`, seconds.
         """
@@ -48,8 +49,8 @@ class ContourLag:
         way = speed * duration
         lag = self._lag * np.cbrt(np.minimum(way, FARTHEST) / USUAL) / speed * flow
         change = (1 - np.exp(-speed * dt / WAY)) * (lag - self._behind)
-        self.turned = float(np.median(np.linalg.norm(change, axis=2)))
         self._behind = np.asarray(self._behind + change, np.float32)
+        return change
 
     def ahead(self, points: Array) -> Array:
         """Return the way (N, 2) from contours that are seen at points (N, 2) to where they are."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import replace
 from functools import partial
+from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,8 @@ USUAL = 20
 LEAST_FEATURES = 8
 """Number of features below which the image motion is unknown."""
 UNSURE = 4.0
-"""How many times larger deviations are while the lag is unknown: all points are off alike."""
+"""How many times larger deviations are at most, and while the lag is unknown: all points are off
+alike."""
 TURN = 0.1
 """Turn of the lag in a cluster, pixels, from which its errors are larger than the matches'.
 
@@ -145,17 +147,18 @@ class MotionCompensation:
         """Move observations from the pictures to the mean times of their events; add the times.
 
         There they are moved ahead by the contours' lag. The second cluster tells it: the first
-        observations come with those of the second. Where it turns, or is unknown later, their
-        deviations are larger.
-        Disparities stay those of the pictures, which have the same reference time, but for the
-        lags: near things move otherwise in the left image than in the right one.
+        observations come with those of the second. Where it turns, or is unknown later, deviations
+        of left points are larger. Disparities stay those of the pictures, which have the same
+        reference time, but for the lags: near things move otherwise in the left image than in the
+        right one.
         """
         self._remember(seen)
         self._learn_flows()
         seen = self._with_waiting(seen)
         left, right, times = seen.left.copy(), seen.right.copy(), np.empty((len(seen), 2))
-        oldest = self._frame_count - len(self._images)
-        for number, (left_image, right_image) in enumerate(self._images, oldest):
+        deviations, oldest = seen.deviations.copy(), self._frame_count - len(self._images)
+        known = zip(self._images, self._doubts, strict=True)
+        for number, ((left_image, right_image), doubt) in enumerate(known, oldest):
             now, radius = seen.frame == number, self._config.time_radius
             if not now.any():
                 continue
@@ -168,20 +171,8 @@ class MotionCompensation:
             left[now] += ahead
             right[now, 0] += self._lags[1].ahead(seen.right[now])[:, 0]
             right[now, 1] += ahead[:, 1]  # the row is measured on the left
-        return replace(
-            seen,
-            left=left,
-            right=right,
-            own_times=times,
-            own_deviations=self._deviations(seen),
-        )
-
-    def _deviations(self, seen: Observations) -> Array:
-        """Return deviations (N, 3), larger for left points whose lag is in doubt."""
-        deviations = seen.deviations.copy()
-        oldest = self._frame_count - len(self._images)
-        deviations[:, :2] *= np.array(self._doubts)[seen.frame - oldest, None]
-        return deviations
+            deviations[now, :2] *= doubt
+        return replace(seen, left=left, right=right, own_times=times, own_deviations=deviations)
 
     def _with_waiting(self, seen: Observations) -> Observations:
         """Let observations wait for the next cluster until the motion tells their lag."""
@@ -221,9 +212,12 @@ class MotionCompensation:
         far = float(np.median(np.linalg.norm(left, axis=2))) * dt > BLURRED
         self.blurred = far and self._flows[0] is UNKNOWN
         self._flows, self._learned = (left, right), self._frame_count
-        for lag, flow in zip(self._lags, self._flows, strict=True):
+        change, _ = (
             lag.follow(flow, dt, dt - self._pause)
-        self._doubts[-1] = min(UNSURE, float(np.hypot(1, self._lags[0].turned / TURN)))
+            for lag, flow in zip(self._lags, self._flows, strict=True)
+        )
+        turn = float(np.median(np.linalg.norm(change, axis=2)))
+        self._doubts[-1] = min(UNSURE, hypot(1, turn / TURN))
 
 
 def flow_between(

@@ -102,8 +102,8 @@ def test_time_between_clusters_turns_the_lag_and_does_not_add_to_it() -> None:
 def test_it_is_known_how_far_the_lag_turned(motions: list[tuple[float, float]]) -> None:
     lag, before = ContourLag(0.3), np.zeros(2)
     for motion in motions:
-        lag.follow(flow(*motion), 1 / 50, 1 / 50)
-        assert lag.turned == pytest.approx(np.linalg.norm(ahead(lag) - before), abs=1e-6)
+        (turn,) = lag.follow(flow(*motion), 1 / 50, 1 / 50).reshape(-1, 2)
+        np.testing.assert_allclose(turn, ahead(lag) - before, atol=1e-6)
         before = ahead(lag)
 
 
