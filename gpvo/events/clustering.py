@@ -91,7 +91,7 @@ class ClusterEvents:
     @property
     def coverage(self) -> float:
         """Share of the raw pixels with an event, from 0 to 1."""
-        return float(self.active.mean())
+        return np.count_nonzero(self.active) / self.active.size
 
     @cached_property
     def surface_of_active_events(self) -> NDArray[np.float64]:

@@ -136,8 +136,9 @@ class EventFilter:
         if not fate.any():
             return events
         for times, kind in zip(self._left_out, (BACKGROUND, HOT), strict=True):
-            times.append(events.t[fate == kind])
-        return events[fate == KEPT]
+            if (those := fate == kind).any():
+                times.append(events.t[those])
+        return _kept(events, fate)
 
     def _begin(self, window: int, t: float) -> None:
         """Find the noise rate of the window that ended, if one begins with the event at `t`."""
@@ -174,6 +175,14 @@ class EventFilter:
             self._hot,
             fate,
         )
+
+
+def _kept(events: Events, fate: NDArray[np.uint8]) -> Events:
+    """Return the events (N,) that stay; one pass takes a third of the time of one per column."""
+    kept = Events.empty(int(np.count_nonzero(fate == KEPT)))
+    columns = events.x, events.y, events.t, events.polarity
+    _copy_kept(fate, *columns, kept.x, kept.y, kept.t, kept.polarity)
+    return kept
 
 
 def _take_before(times: deque[NDArray[np.float64]], stop: float) -> int:
@@ -288,6 +297,27 @@ def _judge(
             if _supporters(latest, on, row, column, since) < SUPPORTERS:
                 fate[i] = BACKGROUND
         latest[row, column] = now
+
+
+@kernel
+def _copy_kept(
+    fate: NDArray[np.uint8],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    t: NDArray[np.float64],
+    polarity: NDArray[np.bool_],
+    kept_x: NDArray[np.uint16],
+    kept_y: NDArray[np.uint16],
+    kept_t: NDArray[np.float64],
+    kept_polarity: NDArray[np.bool_],
+) -> None:
+    """Set the columns of the events that stay, as many as there are."""
+    count = 0
+    for i in range(len(fate)):
+        if fate[i] == KEPT:
+            kept_x[count], kept_y[count] = x[i], y[i]
+            kept_t[count], kept_polarity[count] = t[i], polarity[i]
+            count += 1
 
 
 @kernel

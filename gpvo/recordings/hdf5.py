@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.errors import InputError
-from gpvo.recordings.gzip_chunks import unpacked_rows
+from gpvo.recordings.gzip_chunks import GzipChunks
 
 CHUNK_CACHE_BYTES = 1 << 24
 """Bytes; a chunk used by a bisection or by two blocks is unpacked only once."""
@@ -43,32 +43,32 @@ def holds(file: h5py.File, name: str) -> bool:
         return False
 
 
-def read_column(
-    dataset: h5py.Dataset, column: int, first_row: int, stop_row: int
-) -> NDArray[np.float64]:
-    """Return rows first_row to stop_row - 1 of one column, float64; InputError if damaged."""
-    found = unpacked_rows(dataset, first_row, stop_row, column)
-    if found is None:
-        found = _read(dataset, (slice(first_row, stop_row), column))
-    return np.asarray(found, np.float64)
+class Column:
+    """A column of a dataset, or a dataset of one column, whose rows are read on request."""
 
+    def __init__(self, dataset: h5py.Dataset, column: int | None = None) -> None:
+        self.dataset, self._column = dataset, column
+        self._chunks = GzipChunks.of(dataset, column)
 
-def read_rows(dataset: h5py.Dataset, first_row: int, stop_row: int) -> NDArray[Any]:
-    """Return rows first_row to stop_row - 1 of a dataset; raise InputError if damaged."""
-    found = unpacked_rows(dataset, first_row, stop_row)
-    return np.asarray(_read(dataset, (slice(first_row, stop_row),))) if found is None else found
+    def __len__(self) -> int:
+        return len(self.dataset)
 
+    def rows(self, first_row: int, stop_row: int) -> NDArray[Any]:
+        """Return rows first_row to stop_row - 1; raise InputError if they are damaged."""
+        found = None if self._chunks is None else self._chunks.rows(first_row, stop_row)
+        return np.asarray(self._read(first_row, stop_row)) if found is None else found
 
-def _read(dataset: h5py.Dataset, selection: tuple[Any, ...]) -> Any:
-    try:
-        return dataset[selection]
-    except H5Error as error:
-        rows = selection[0]
-        raise InputError(
-            f"{dataset.file.filename}: {dataset.name.strip('/')} cannot be read from row"
-            f" {rows.start} to {rows.stop - 1}; the file is damaged or packed by an unknown filter:"
-            " copy or download it again"
-        ) from error
+    def _read(self, first_row: int, stop_row: int) -> Any:
+        columns = () if self._column is None else (self._column,)
+        try:
+            return self.dataset[(slice(first_row, stop_row), *columns)]
+        except H5Error as error:
+            name = self.dataset.name.strip("/")
+            raise InputError(
+                f"{self.dataset.file.filename}: {name} cannot be read from row {first_row} to"
+                f" {stop_row - 1}; the file is damaged or packed by an unknown filter: copy or"
+                " download it again"
+            ) from error
 
 
 def has_dataset(path: Path, name: str) -> bool:

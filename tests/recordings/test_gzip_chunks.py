@@ -9,7 +9,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gpvo.recordings.gzip_chunks import unpacked_rows
+from gpvo.recordings.gzip_chunks import GzipChunks
+
+
+def unpacked_rows(
+    dataset: h5py.Dataset, first: int, stop: int, column: int | None = None
+) -> np.ndarray | None:
+    chunks = GzipChunks.of(dataset, column)
+    return None if chunks is None else chunks.rows(first, stop)
 
 
 def dataset(data: np.ndarray, **how: object) -> h5py.Dataset:

@@ -145,14 +145,14 @@ def test_only_blocks_of_the_interval_are_read(
     files: tuple, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mvsec, "BLOCK_ROWS", 10)
-    read = mvsec.read_column
+    read = mvsec.Column.rows
     rows_read = []
 
-    def counted(dataset, column, first_row, stop_row):  # type: ignore[no-untyped-def]
+    def counted(column, first_row, stop_row):  # type: ignore[no-untyped-def]
         rows_read.append(stop_row - first_row)
-        return read(dataset, column, first_row, stop_row)
+        return read(column, first_row, stop_row)
 
-    monkeypatch.setattr(mvsec, "read_column", counted)
+    monkeypatch.setattr(mvsec.Column, "rows", counted)
     recording = MvsecRecording(*files, batch_length=0.01)
     rows_read.clear()
     next(recording.event_batches(0.3))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gpvo.errors import InputError
 from gpvo.recordings.checks.time_unit import check_since_1970
 from gpvo.recordings.files.hdf5_rows import Rows, RowStream
-from gpvo.recordings.hdf5 import H5Error, holds, open_hdf5, read_rows
+from gpvo.recordings.hdf5 import Column, H5Error, holds, open_hdf5
 from gpvo.recordings.streams import EventBlock, nanoseconds
 
 FIRST_ROWS = 1000
@@ -64,7 +64,7 @@ class ColumnStream(RowStream):
             t = file[layout.t]
             self.time_unit = "seconds" if t.dtype.kind == "f" else "microseconds"
             if len(t):
-                first = float(np.median(read_rows(t, 0, min(len(t), FIRST_ROWS))))
+                first = float(np.median(Column(t).rows(0, min(len(t), FIRST_ROWS))))
                 check_since_1970(first, self.time_unit, f"{path}: {layout.t}")
 
     def _rows_of(self, file: h5py.File) -> Rows:
@@ -75,11 +75,11 @@ class ColumnStream(RowStream):
 class _Columns(Rows):
     """Open datasets of one camera."""
 
-    x: h5py.Dataset
-    y: h5py.Dataset
-    t: h5py.Dataset
-    polarity: h5py.Dataset
-    index: h5py.Dataset | None
+    x: Column
+    y: Column
+    t: Column
+    polarity: Column
+    index: Column | None
     offset_ns: int
 
     @staticmethod
@@ -100,17 +100,17 @@ class _Columns(Rows):
 
     def block(self, first: int, stop: int) -> EventBlock:
         return EventBlock(
-            _pixels(read_rows(self.x, first, stop)),
-            _pixels(read_rows(self.y, first, stop)),
-            self._stamps(read_rows(self.t, first, stop)),
-            read_rows(self.polarity, first, stop) > 0,
+            _pixels(self.x.rows(first, stop)),
+            _pixels(self.y.rows(first, stop)),
+            self._stamps(self.t.rows(first, stop)),
+            self.polarity.rows(first, stop) > 0,
         )
 
     def first_row(self, start_ns: int) -> int:
         """Return the first row from a stamp on, by the file's index if it has a valid one."""
         millisecond = (start_ns - self.offset_ns) // 1_000_000
         if self.index is not None and 0 <= millisecond < len(self.index):
-            row = int(read_rows(self.index, millisecond, millisecond + 1)[0])
+            row = int(self.index.rows(millisecond, millisecond + 1)[0])
             edge_ns = self.offset_ns + 1_000_000 * millisecond
             if 0 <= row <= len(self) and self._splits(row, edge_ns):
                 return row
@@ -122,7 +122,7 @@ class _Columns(Rows):
         return starts and (row == 0 or self.stamp(row - 1) < edge_ns)
 
     def stamp(self, row: int) -> int:
-        return int(self._stamps(read_rows(self.t, row, row + 1))[0])
+        return int(self._stamps(self.t.rows(row, row + 1))[0])
 
     def _stamps(self, times: NDArray[Any]) -> NDArray[np.int64]:
         if times.dtype.kind == "f":
@@ -132,18 +132,18 @@ class _Columns(Rows):
         return stamps
 
 
-def _column(file: h5py.File, name: str, where: str) -> h5py.Dataset:
+def _column(file: h5py.File, name: str, where: str) -> Column:
     if not holds(file, name) or not isinstance(file[name], h5py.Dataset):
         raise InputError(f"{where}: {name} is missing; the file is not complete")
     column = file[name]
     if column.shape is None or column.ndim != 1 or column.dtype.kind not in "biuf":
         raise InputError(f"{where}: {name} is not a column of numbers")
-    return column
+    return Column(column)
 
 
-def _usable_index(index: Any) -> h5py.Dataset | None:
+def _usable_index(index: Any) -> Column | None:
     fits = isinstance(index, h5py.Dataset) and index.ndim == 1 and index.dtype.kind in "iu"
-    return index if fits else None
+    return Column(index) if fits else None
 
 
 def _scalar(file: h5py.File, name: str, where: str) -> int:

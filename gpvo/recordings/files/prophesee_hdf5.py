@@ -10,7 +10,7 @@ import numpy as np
 
 from gpvo.errors import InputError
 from gpvo.recordings.files.hdf5_rows import Rows, RowStream
-from gpvo.recordings.hdf5 import H5Error, read_rows
+from gpvo.recordings.hdf5 import Column, H5Error
 from gpvo.recordings.streams import EventBlock
 
 EVENTS = "CD/events"
@@ -39,25 +39,25 @@ class TableStream(RowStream):
                 " of their plugin (github.com/prophesee-ai/hdf5_ecf), or open the raw file that"
                 " it was made from"
             )
-        return _Table(table)
+        return _Table(Column(table))
 
 
 @dataclass(frozen=True)
 class _Table(Rows):
     """The open table of one camera."""
 
-    table: h5py.Dataset
+    table: Column
 
     def __len__(self) -> int:
         return len(self.table)
 
     def block(self, first: int, stop: int) -> EventBlock:
-        rows = read_rows(self.table, first, stop)
+        rows = self.table.rows(first, stop)
         x, y = (rows[name].astype(np.uint16) for name in "xy")
         return EventBlock(x, y, rows["t"].astype(np.int64) * 1000, rows["p"] > 0)
 
     def stamp(self, row: int) -> int:
-        return int(read_rows(self.table, row, row + 1)["t"][0]) * 1000
+        return int(self.table.rows(row, row + 1)["t"][0]) * 1000
 
 
 def _is_table(item: h5py.Dataset | h5py.Group) -> bool:
