@@ -42,6 +42,8 @@ LEAST_HOT = 20
 
 KEPT, BACKGROUND, HOT, REPEATED = range(4)
 """What became of an event."""
+LATEST, RECENT = 0, 1
+"""What is known of a pixel: see `EventFilter`."""
 
 
 @dataclass(frozen=True)
@@ -82,13 +84,12 @@ class EventFilter:
 
     def __init__(self, resolution: tuple[int, int], config: ClusteringConfig) -> None:
         width, height = resolution
-        # Of each pixel the time of the latest event, seconds since the window began, the number of
-        # recent events, and whether the latest one is an ON event. A border of one pixel, so that
-        # every pixel has eight neighbours. They are read and written at random, which takes a third
-        # less time in 32 bits.
-        self._latest = np.full((height + 2, width + 2), -np.inf, np.float32)
-        self._recent = np.zeros_like(self._latest)
-        self._on = np.zeros(self._latest.shape, np.bool_)
+        # Of each pixel the time of the latest event, seconds since the window began, and the number
+        # of recent events, negative if the latest one is an OFF event. A border of one pixel, so
+        # that every pixel has eight neighbours. They are read and written at random, which takes a
+        # third less time in 32 bits, and again where they lie together.
+        self._pixels = np.zeros((height + 2, width + 2, 2), np.float32)
+        self._pixels[..., LATEST] = -np.inf
         rows, columns = map(_block_lengths, (height, width))
         self._counts = _spread(len(rows), len(columns))
         self._exposure = np.outer(rows, columns) * self._counts * np.float64(WINDOW)
@@ -133,7 +134,7 @@ class EventFilter:
         for window, first, last in windows(events.t):
             self._begin(window, float(events.t[first]))
             self._judge(events[first:last], window * WINDOW, fate[first:last])
-        if not fate.any():
+        if fate.max(initial=KEPT) == KEPT:
             return events
         for times, kind in zip(self._left_out, (BACKGROUND, HOT), strict=True):
             if (those := fate == kind).any():
@@ -153,8 +154,7 @@ class EventFilter:
             share = passing_share(rate, self._support) if self._support > 0 else 1.0
             self._noise.append(Noise(window * WINDOW, t, rate, rate * share if noisy else 0.0))
             self._isolated[:], self._seen[:] = 0, 0
-            self._latest -= (window - self._window) * WINDOW
-            self._recent *= 0.5
+            _age(self._pixels, np.float32((window - self._window) * WINDOW))
         self._window = window
 
     def _judge(self, events: Events, begin: float, fate: NDArray[np.uint8]) -> None:
@@ -165,9 +165,7 @@ class EventFilter:
             events.t,
             events.polarity,
             begin,
-            self._latest,
-            self._on,
-            self._recent,
+            self._pixels,
             self._counts,
             self._isolated,
             self._seen,
@@ -261,15 +259,21 @@ def noise_rate(
 
 
 @kernel
+def _age(pixels: NDArray[np.float32], duration: np.float32) -> None:
+    """Count time from a window that begins so many seconds later, and halve what was counted."""
+    for pixel in pixels.reshape(-1, 2):
+        pixel[LATEST] -= duration
+        pixel[RECENT] *= np.float32(0.5)
+
+
+@kernel
 def _judge(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
     t: NDArray[np.float64],
     polarity: NDArray[np.bool_],
     begin: float,
-    latest: NDArray[np.float32],
-    on: NDArray[np.bool_],
-    recent: NDArray[np.float32],
+    pixels: NDArray[np.float32],
     counts: NDArray[np.bool_],
     isolated: NDArray[np.int64],
     seen: NDArray[np.int64],
@@ -280,23 +284,25 @@ def _judge(
     """Judge events in order; of a clean stream, look around those of blocks that count alone."""
     for i in range(len(t)):
         row, column, now = np.intp(y[i]) + 1, np.intp(x[i]) + 1, np.float32(t[i] - begin)
-        if latest[row, column] == now:
+        pixel = pixels[row, column]
+        if pixel[LATEST] == now:
             fate[i] = REPEATED
             continue
-        recent[row, column] += np.float32(1)
-        if hot > 0 and recent[row, column] > LEAST_HOT and _is_hot(recent, row, column, hot):
+        recent = abs(pixel[RECENT]) + np.float32(1)
+        pixel[RECENT] = recent if polarity[i] else -recent
+        if hot > 0 and recent > LEAST_HOT and _is_hot(pixels, row, column, hot):
             fate[i] = HOT
             continue
         block = y[i] // BLOCK, x[i] // BLOCK
-        fate[i], on[row, column] = KEPT, polarity[i]
+        fate[i] = KEPT
         if counts[block]:
             seen[block] += 1
-            isolated[block] += now - _newest_around(latest, row, column) > ISOLATED
+            isolated[block] += now - _newest_around(pixels, row, column) > ISOLATED
         if support > 0:
             since = np.float32(now - support)
-            if _supporters(latest, on, row, column, since) < SUPPORTERS:
+            if _supporters(pixels, row, column, since) < SUPPORTERS:
                 fate[i] = BACKGROUND
-        latest[row, column] = now
+        pixel[LATEST] = now
 
 
 @kernel
@@ -321,35 +327,35 @@ def _copy_kept(
 
 
 @kernel
-def _newest_around(latest: NDArray[np.float32], row: int, column: int) -> np.float32:
+def _newest_around(pixels: NDArray[np.float32], row: int, column: int) -> np.float32:
     """Return the latest time of the eight pixels around one."""
-    above, at, below = latest[row - 1], latest[row], latest[row + 1]
+    above, at, below = pixels[row - 1], pixels[row], pixels[row + 1]
     left, right = column - 1, column + 1
-    newest = max(above[left], above[column], above[right])
-    newest = max(newest, at[left], at[right])
-    return max(newest, below[left], below[column], below[right])
+    newest = max(above[left, LATEST], above[column, LATEST], above[right, LATEST])
+    newest = max(newest, at[left, LATEST], at[right, LATEST])
+    return max(newest, below[left, LATEST], below[column, LATEST], below[right, LATEST])
 
 
 @kernel
-def _supporters(
-    latest: NDArray[np.float32], on: NDArray[np.bool_], row: int, column: int, since: np.float32
-) -> int:
+def _supporters(pixels: NDArray[np.float32], row: int, column: int, since: np.float32) -> int:
     """Count the eight pixels around one that had their latest event since a time.
 
     Only those of the pixel's own polarity count.
     """
-    count, own, left, right = 0, on[row, column], column - 1, column + 1
+    count, own = 0, pixels[row, column, RECENT] > 0
     for r in (row - 1, row, row + 1):
-        times, signs = latest[r], on[r]
-        count += (times[left] >= since) & (signs[left] == own)
-        count += (times[column] >= since) & (signs[column] == own) & (r != row)
-        count += (times[right] >= since) & (signs[right] == own)
+        for c in (column - 1, column, column + 1):
+            pixel = pixels[r, c]
+            alike = (pixel[LATEST] >= since) & ((pixel[RECENT] > 0) == own)
+            count += alike & ((r != row) | (c != column))
     return count
 
 
 @kernel
-def _is_hot(recent: NDArray[np.float32], row: int, column: int, ratio: float) -> bool:
+def _is_hot(pixels: NDArray[np.float32], row: int, column: int, ratio: float) -> bool:
     """Compare a pixel's number of recent events with those of the eight pixels around it."""
-    own = recent[row, column]
-    around = recent[row - 1 : row + 2, column - 1 : column + 2].sum() - own
-    return bool(own > ratio * (around / 8 + 1))
+    own, total = abs(pixels[row, column, RECENT]), np.float32(0)
+    for r in (row - 1, row, row + 1):
+        for c in (column - 1, column, column + 1):
+            total += abs(pixels[r, c, RECENT])
+    return bool(own > ratio * ((total - own) / 8 + 1))
