@@ -66,6 +66,8 @@ def test_what_is_damaged_or_never_written_is_left_to_h5py() -> None:
     assert unpacked_rows(table, 0, 20, 1) is not None
     table.id.write_direct_chunk((10, 1), b"no zlib")
     assert unpacked_rows(table, 0, 20, 1) is None
+    table.id.write_direct_chunk((10, 1), bytes(1 << 20))
+    assert unpacked_rows(table, 0, 20, 1) is None
     table.id.write_direct_chunk((10, 1), data[10:, 1].tobytes(), filter_mask=1)
     assert unpacked_rows(table, 0, 20, 1) is None
     np.testing.assert_array_equal(table[:, 1], data[:, 1])
