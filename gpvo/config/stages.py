@@ -131,6 +131,13 @@ class KltConfig(StageConfig):
         "many times its share of `max_features`: something that moves by itself does not get most "
         "of them. Later ones are the strongest, wherever they are. null for no limit.",
     )
+    candidates: float = Field(
+        default=1.0,
+        ge=1,
+        description="So many times as many new features are looked at as there is room for, and "
+        "those are taken that together tell most of the pose while the motion keeps them in view; "
+        "1 takes the strongest ones.",
+    )
     closure_tolerance: float = Field(
         default=0.5,
         gt=0,

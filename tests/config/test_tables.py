@@ -20,6 +20,7 @@ WITHOUT_UNIT = {
     "gate",
     "spacing",
     "crowding",
+    "candidates",
     "first_share",
     "density",
     "velocity_share",

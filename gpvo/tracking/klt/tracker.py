@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
+from factors.lie import se3_inverse
 from gpvo.config import TrackingConfig
 from gpvo.second_thread import both
 from gpvo.tracking.features import ANY, Crowd, extrema, smooth, strongest_spaced
@@ -27,6 +28,7 @@ from gpvo.tracking.klt.lost_landmarks import LostLandmarks, are_near
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.match_precision import MatchPrecision, match_variances
 from gpvo.tracking.klt.patch_checks import are_stereo
+from gpvo.tracking.klt.pose_information import most_telling, whitened_jacobians
 from gpvo.tracking.klt.relocation import refined_pose, relocated_pose
 from gpvo.tracking.klt.row_search import search_rows
 from gpvo.tracking.observations import Observations
@@ -53,6 +55,8 @@ NO_DRIFT = 1.0
 """Drift up to which the first matches are good, pixels."""
 LEAST_SHARE = 0.1
 """Share of contours' events below which matches are taken to scatter no more."""
+LEAST_DISPARITY = 0.5
+"""Disparity of what is very far, pixels."""
 NO_VARIANCES = np.empty((0, 3))
 
 
@@ -80,6 +84,7 @@ class KltTracker:
         self._landmark_count = 0
         self._new, self.report = (0, 0), TrackingReport(0, 0, 0, 0)
         self._most, self.T_start_cam = self._config.max_features, np.eye(4)
+        self._T_before_now = np.eye(4)
         self.noise_share = 0.0
 
     def follow(self, left: Image, right: Image) -> Observations:
@@ -94,6 +99,8 @@ class KltTracker:
         seen = self._with_found_again(followed)
         self._lost.follow(self._previous or seen, seen, first_new)
         self.report = TrackingReport(*self._new, known, len(followed.left))
+        if self._previous is not None:
+            self._T_before_now = se3_inverse(self._previous.T_start_cam) @ seen.T_start_cam
         self._previous, self.T_start_cam = seen, seen.T_start_cam
         self._frame_count += 1
         return self._observations(seen, NO_VARIANCES)
@@ -103,9 +110,9 @@ class KltTracker:
         seen = self._previous
         if seen is None:
             return Observations.none()
-        features = self._detect(seen)
+        features = self._detect(seen, self._most_new(seen))
         new = self._in_stereo(features, seen)
-        self._new = len(features), len(new.left)
+        self._new = min(len(features), self._room(seen)), len(new.left)
         self._previous = seen.joined(new)
         return self._observations(new, self._variances)
 
@@ -178,7 +185,8 @@ class KltTracker:
 
     def _relocated(self, frame: Frame) -> Frame:
         """Find lost landmarks wherever they are now, and the pose with them."""
-        features, lost = frame.joined(self._in_stereo(self._detect(frame), frame)), self._lost.last
+        found = self._in_stereo(self._detect(frame, self._room(frame)), frame)
+        features, lost = frame.joined(found), self._lost.last
         if self._camera is None or lost is None or len(features.landmark) < FEW:
             return frame
         self._relocations -= 1
@@ -241,12 +249,15 @@ class KltTracker:
             return np.tile(np.eye(2), (len(anchors), 1, 1))
         return warp(self._camera, frame.T_start_cam, anchors.sights)
 
-    def _detect(self, frame: Frame) -> Points:
-        """Return the strongest features (N, 2) of the left image that are not near a landmark."""
+    def _detect(self, frame: Frame, count: int) -> Points:
+        """Return the strongest features (N, 2) of the left image that are not near a landmark.
+
+        At most `count` of them.
+        """
         points, _, response = extrema(
             frame.left_image.image, self._features.nms_radius, self._features.response_threshold
         )
-        apart = self._config.spacing, self._room(frame), self._crowd(frame)
+        apart = self._config.spacing, count, self._crowd(frame)
         chosen = strongest_spaced(points, response, frame.left, *apart)
         return points[chosen].astype(np.float32)
 
@@ -261,14 +272,37 @@ class KltTracker:
         """Return how many more landmarks a frame may have."""
         return self._most - len(frame.landmark)
 
+    def _most_new(self, frame: Frame) -> int:
+        """Return how many new features are looked at: more than there is room for, if any.
+
+        The first ones are spread, as nothing is known of the motion.
+        """
+        first = self._camera is None or not len(frame.landmark)
+        return int((1.0 if first else self._config.candidates) * self._room(frame))
+
     def _in_stereo(self, left: Points, frame: Frame) -> Frame:
         """Make landmarks of the left features (N, 2) that have a match in the right image."""
         guess, known = search_rows(frame.left_image, frame.right_image, left)
-        left, guess = left[known], guess[known]
+        left, guess = self._most_telling(left[known], guess[known], frame)
         right, new = self._in_right(frame, left, guess, self._config.pyramid_levels)
         landmark = self._landmark_count + np.arange(new.sum())
         self._landmark_count += len(landmark)
         return frame.anchored(landmark, left[new], right[new])
+
+    def _most_telling(self, left: Points, guess: Points, frame: Frame) -> tuple[Points, Points]:
+        """Choose as many left points (N, 2), and right ones, as a frame has room for.
+
+        Those that tell most of the pose beside its landmarks.
+        """
+        room, known = self._room(frame), frame.sights.measured
+        if self._camera is None or len(left) <= room:
+            return left, guess
+        disparity = np.maximum(left[:, 0] - guess[:, 0], LEAST_DISPARITY)
+        measured = np.concatenate([known, np.column_stack([left, disparity])])
+        shape = frame.left_image.image.shape
+        rows = whitened_jacobians(self._camera, self._T_before_now, shape, measured)
+        chosen = most_telling(rows, len(known), room)
+        return left[chosen], guess[chosen]
 
     def _in_right(
         self, frame: Frame, left: Points, guess: Points, coarser: int

@@ -1,0 +1,129 @@
+"""Choose new features by what they tell of the pose, for as long as the motion keeps them in view.
+
+Near features tell the translation and far ones the rotation, those of one place tell the same. A
+landmark that is seen in n frames tells n J^T J, where J is the Jacobian of its measurement with
+respect to the pose. Greedily, as by Carlone and Karaman, "Attention and Anticipation in Fast
+Visual-Inertial Navigation", T-RO 2019, the next feature is the one that makes the determinant of
+the pose's covariance least, beside the landmarks that are known and those chosen before.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors import StereoCamera
+from factors.kernels.compiled import kernel
+from factors.lie import se3_inverse, skew
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+HORIZON = 16
+"""Number of frames for which the motion is foreseen: it goes on as it was."""
+
+
+def whitened_jacobians(
+    camera: StereoCamera, T_before_now: Array, shape: tuple[int, int], measured: Array
+) -> Array:
+    """Compute the rows (N, 3, 6) whose squares are what landmarks tell of a pose while in view.
+
+    Measurements have the standard deviation of a pixel.
+
+    Parameters
+    ----------
+    T_before_now
+        (4, 4) motion from one frame to the next.
+    shape
+        (height, width) of the image, pixels.
+    measured
+        (N, 3) measurements now, (u_left, v, disparity), pixels.
+    """
+    points = camera.triangulate(measured)
+    _, by_point = camera.project_with_jacobian(points)
+    moves = np.concatenate([skew(points), np.broadcast_to(-np.eye(3), by_point.shape)], axis=2)
+    frames = frames_in_view(camera, T_before_now, shape, points)
+    return np.asarray(by_point @ moves * np.sqrt(frames)[:, None, None])
+
+
+def frames_in_view(
+    camera: StereoCamera, T_before_now: Array, shape: tuple[int, int], points: Array
+) -> NDArray[np.int64]:
+    """Count the frames (N,) from now on, HORIZON at most, in which points (N, 3) are in view."""
+    given = camera.parameters, se3_inverse(T_before_now), shape, points
+    return np.asarray(_frames_in_view_kernel(*given))
+
+
+@kernel
+def _frames_in_view_kernel(
+    camera: Array, T_next_now: Array, shape: tuple[int, int], points: Array
+) -> NDArray[np.int64]:
+    frames, now, there = np.zeros(len(points), np.int64), np.empty(3), np.empty(3)
+    for i in range(len(points)):
+        now[:] = points[i]
+        while frames[i] < HORIZON and _is_in_view(camera, shape, now):
+            frames[i] += 1
+            for k in range(3):
+                there[k] = T_next_now[k, 3]
+                for j in range(3):
+                    there[k] += T_next_now[k, j] * now[j]
+            now[:] = there
+    return frames
+
+
+@kernel
+def _is_in_view(camera: Array, shape: tuple[int, int], point: Array) -> bool:
+    """Tell whether a point (3,) of the camera's frame is before it and within the image."""
+    x, y, z = point
+    u, v = camera[0] * x / z + camera[2], camera[1] * y / z + camera[3]
+    return bool(z > 0 and 0 <= u < shape[1] and 0 <= v < shape[0])
+
+
+def most_telling(rows: Array, known: int, count: int) -> Mask:
+    """Choose `count` of the N landmarks after the known ones; return whether each is chosen (N,).
+
+    `rows` (known + N, 3, 6) are the whitened Jacobians of all. Before any is seen the pose is
+    taken to be known to a radian and a metre.
+    """
+    covariance = np.linalg.inv(np.eye(6) + np.einsum("nki,nkj->ij", rows[:known], rows[:known]))
+    return np.asarray(_most_telling_kernel(covariance, rows[known:], count))
+
+
+@kernel
+def _most_telling_kernel(covariance: Array, rows: Array, count: int) -> Mask:
+    """Choose greedily; what a landmark tells is computed again only while it may be the most.
+
+    It never tells more once others were chosen.
+    """
+    chosen, tried = np.zeros(len(rows), np.bool_), np.empty_like(covariance)
+    most, asked = np.full(len(rows), np.inf), np.full(len(rows), -1)
+    for number in range(min(count, len(rows))):
+        best = np.argmax(most)
+        while asked[best] < number:
+            tried[:] = covariance
+            most[best], asked[best] = _learn(tried, rows[best]), number
+            best = np.argmax(most)
+        chosen[best], most[best] = True, -np.inf
+        _learn(covariance, rows[best])
+    return chosen
+
+
+@kernel
+def _learn(covariance: Array, rows: Array) -> float:
+    """Condition a covariance S (6, 6) on a landmark's rows (3, 6) b, one after the other.
+
+    S - S b b^T S / (1 + b^T S b). Returns by what the logarithm of its determinant shrinks.
+    """
+    gain, seen = 0.0, np.empty(6)
+    for row in rows:
+        variance = 1.0
+        for i in range(6):
+            seen[i] = 0.0
+            for j in range(6):
+                seen[i] += covariance[i, j] * row[j]
+            variance += seen[i] * row[i]
+        gain += np.log(variance)
+        for i in range(6):
+            for j in range(6):
+                covariance[i, j] -= seen[i] * seen[j] / variance
+    return gain
