@@ -30,7 +30,7 @@ class GzipChunks:
     @staticmethod
     def of(dataset: h5py.Dataset, column: int | None = None) -> GzipChunks | None:
         """Return the chunks of a dataset, or of its column; None if they are packed otherwise."""
-        columns, filters = () if column is None else (column,), _filters(dataset)
+        columns, filters = () if column is None else (column,), filters_of(dataset)
         alone = dataset.chunks is not None and dataset.chunks[1:] == (1,) * len(columns)
         if not alone or filters not in ([DEFLATE], [SHUFFLE, DEFLATE]):
             return None
@@ -73,6 +73,7 @@ class GzipChunks:
             chunk[:] = data.reshape(chunk.shape)
 
 
-def _filters(dataset: h5py.Dataset) -> list[int]:
+def filters_of(dataset: h5py.Dataset) -> list[int]:
+    """Return the numbers of the filters that pack a dataset, in the order in which they do."""
     properties = dataset.id.get_create_plist()
     return [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]

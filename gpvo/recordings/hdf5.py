@@ -47,11 +47,11 @@ class Column:
     """A column of a dataset, or a dataset of one column, whose rows are read on request."""
 
     def __init__(self, dataset: h5py.Dataset, column: int | None = None) -> None:
-        self.dataset, self._column = dataset, column
+        self._dataset, self._column = dataset, column
         self._chunks = GzipChunks.of(dataset, column)
 
     def __len__(self) -> int:
-        return len(self.dataset)
+        return len(self._dataset)
 
     def rows(self, first_row: int, stop_row: int) -> NDArray[Any]:
         """Return rows first_row to stop_row - 1; raise InputError if they are damaged."""
@@ -61,11 +61,11 @@ class Column:
     def _read(self, first_row: int, stop_row: int) -> Any:
         columns = () if self._column is None else (self._column,)
         try:
-            return self.dataset[(slice(first_row, stop_row), *columns)]
+            return self._dataset[(slice(first_row, stop_row), *columns)]
         except H5Error as error:
-            name = self.dataset.name.strip("/")
+            name = self._dataset.name.strip("/")
             raise InputError(
-                f"{self.dataset.file.filename}: {name} cannot be read from row {first_row} to"
+                f"{self._dataset.file.filename}: {name} cannot be read from row {first_row} to"
                 f" {stop_row - 1}; the file is damaged or packed by an unknown filter: copy or"
                 " download it again"
             ) from error

@@ -41,9 +41,8 @@ class ContourLag:
     def follow(self, flow: Flow, dt: float, duration: float) -> Flow:
         """Turn the lag by the image motion (rows, columns, 2), pixels per second, of a cluster.
 
-        Returns by how much it turned at each place, pixels.
-
-        dt is the time since the one before, of which the pictures show `duration`, seconds.
+        dt is the time since the one before, of which the pictures show `duration`, seconds. Returns
+        by how much the lag turned at each place, pixels.
         """
         speed = np.maximum(np.linalg.norm(flow, axis=2, keepdims=True), 1e-9)
         way = speed * duration

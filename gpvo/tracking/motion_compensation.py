@@ -209,15 +209,18 @@ class MotionCompensation:
             flow_between(old[i], new[j], dt, (height, width), reach)
             for old, new in ((earlier.left, later.left), (earlier.right, later.right))
         )
-        far = float(np.median(np.linalg.norm(left, axis=2))) * dt > BLURRED
-        self.blurred = far and self._flows[0] is UNKNOWN
+        self.blurred = self._flows[0] is UNKNOWN and _median_length(left) * dt > BLURRED
         self._flows, self._learned = (left, right), self._frame_count
         change, _ = (
             lag.follow(flow, dt, dt - self._pause)
             for lag, flow in zip(self._lags, self._flows, strict=True)
         )
-        turn = float(np.median(np.linalg.norm(change, axis=2)))
-        self._doubts[-1] = min(UNSURE, hypot(1, turn / TURN))
+        self._doubts[-1] = min(UNSURE, hypot(1, _median_length(change) / TURN))
+
+
+def _median_length(ways: Flow) -> float:
+    """Return the median length of what is known of all cells (rows, columns, 2)."""
+    return float(np.median(np.linalg.norm(ways, axis=2)))
 
 
 def flow_between(

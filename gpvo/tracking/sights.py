@@ -128,13 +128,14 @@ def _points_kernel(
         then[2] = camera[0] * camera[4] / disparity[i]
         for k in range(2):
             then[k] = (point[i, k] - camera[2 + k]) * then[2] / camera[k]
-        _move(T_start_then[i], then, start)
-        _move(T_frame_start, start, points[i])
+        move(T_start_then[i], then, start)
+        move(T_frame_start, start, points[i])
     return points
 
 
 @kernel
-def _move(T: Array, point: Array, moved: Array) -> None:
+def move(T: Array, point: Array, moved: Array) -> None:
+    """Set a point (3,) moved by a transform (4, 4)."""
     for row in range(3):
         moved[row] = T[row, 0] * point[0] + T[row, 1] * point[1] + T[row, 2] * point[2] + T[row, 3]
 

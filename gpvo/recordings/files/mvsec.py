@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
@@ -116,7 +117,6 @@ class _EventTable:
     """Event table of one camera, whose rows are read on request."""
 
     dataset: h5py.Dataset
-    columns: tuple[Column, ...]
     resolution: tuple[int, int]
     where: str
 
@@ -131,8 +131,12 @@ class _EventTable:
         if len(dataset) == 0:
             raise InputError(f"{where} holds no events; both cameras are needed")
         check_resolution(_stated_resolution(dataset, where), resolution, where)
-        columns = tuple(Column(dataset, number) for number in range(4))
-        return _EventTable(dataset, columns, resolution, where)
+        return _EventTable(dataset, resolution, where)
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns x, y, time and polarity."""
+        return tuple(Column(self.dataset, number) for number in range(4))
 
     def seconds(self, row: int) -> float:
         """Return the absolute time of one row in seconds."""

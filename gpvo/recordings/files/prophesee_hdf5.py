@@ -10,6 +10,7 @@ import numpy as np
 
 from gpvo.errors import InputError
 from gpvo.recordings.files.hdf5_rows import Rows, RowStream
+from gpvo.recordings.gzip_chunks import filters_of
 from gpvo.recordings.hdf5 import Column, H5Error
 from gpvo.recordings.streams import EventBlock
 
@@ -69,8 +70,6 @@ def _is_table(item: h5py.Dataset | h5py.Group) -> bool:
 
 def _is_packed_by_ecf(table: h5py.Dataset) -> bool:
     try:
-        properties = table.id.get_create_plist()
-        filters = range(properties.get_nfilters())
-        return any(properties.get_filter(number)[0] == ECF for number in filters)
+        return ECF in filters_of(table)
     except H5Error:
         return False

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from factors.kernels.compiled import kernel
-from factors.lie import se3_inverse, skew
+from factors.lie import se3_inverse
+from gpvo.tracking.pose_of_matches import jacobian_of_pose
+from gpvo.tracking.sights import move
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -40,10 +42,9 @@ def whitened_jacobians(
         (N, 3) measurements now, (u_left, v, disparity), pixels.
     """
     points = camera.triangulate(measured)
-    _, by_point = camera.project_with_jacobian(points)
-    moves = np.concatenate([skew(points), np.broadcast_to(-np.eye(3), by_point.shape)], axis=2)
+    _, by_pose = jacobian_of_pose(camera, np.eye(4), points)
     frames = frames_in_view(camera, T_before_now, shape, points)
-    return np.asarray(by_point @ moves * np.sqrt(frames)[:, None, None])
+    return np.asarray(by_pose * np.sqrt(frames)[:, None, None])
 
 
 def frames_in_view(
@@ -63,10 +64,7 @@ def _frames_in_view_kernel(
         now[:] = points[i]
         while frames[i] < HORIZON and _is_in_view(camera, shape, now):
             frames[i] += 1
-            for k in range(3):
-                there[k] = T_next_now[k, 3]
-                for j in range(3):
-                    there[k] += T_next_now[k, j] * now[j]
+            move(T_next_now, now, there)
             now[:] = there
     return frames
 

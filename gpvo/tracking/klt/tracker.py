@@ -84,7 +84,7 @@ class KltTracker:
         self._landmark_count = 0
         self._new, self.report = (0, 0), TrackingReport(0, 0, 0, 0)
         self._most, self.T_start_cam = self._config.max_features, np.eye(4)
-        self._T_before_now = np.eye(4)
+        self._T_before = np.eye(4)
         self.noise_share = 0.0
 
     def follow(self, left: Image, right: Image) -> Observations:
@@ -100,7 +100,7 @@ class KltTracker:
         self._lost.follow(self._previous or seen, seen, first_new)
         self.report = TrackingReport(*self._new, known, len(followed.left))
         if self._previous is not None:
-            self._T_before_now = se3_inverse(self._previous.T_start_cam) @ seen.T_start_cam
+            self._T_before = self._previous.T_start_cam
         self._previous, self.T_start_cam = seen, seen.T_start_cam
         self._frame_count += 1
         return self._observations(seen, NO_VARIANCES)
@@ -294,13 +294,14 @@ class KltTracker:
 
         Those that tell most of the pose beside its landmarks.
         """
-        room, known = self._room(frame), frame.sights.measured
+        room = self._room(frame)
         if self._camera is None or len(left) <= room:
             return left, guess
+        known, T_before_now = frame.sights.measured, se3_inverse(self._T_before) @ frame.T_start_cam
         disparity = np.maximum(left[:, 0] - guess[:, 0], LEAST_DISPARITY)
         measured = np.concatenate([known, np.column_stack([left, disparity])])
         shape = frame.left_image.image.shape
-        rows = whitened_jacobians(self._camera, self._T_before_now, shape, measured)
+        rows = whitened_jacobians(self._camera, T_before_now, shape, measured)
         chosen = most_telling(rows, len(known), room)
         return left[chosen], guess[chosen]
 
