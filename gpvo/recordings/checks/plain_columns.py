@@ -30,11 +30,11 @@ def fill_plain(
     if not (len(seconds) and seconds.dtype.isnative):
         return False
     given = x, y, seconds, polarity, resolution, origin, latest
-    return _fill(*given, events.x, events.y, events.t, events.polarity)
+    return fill(*given, events.x, events.y, events.t, events.polarity)
 
 
 @kernel
-def _fill(
+def fill(
     x: Column,
     y: Column,
     seconds: Column,
@@ -48,13 +48,38 @@ def _fill(
     ons: NDArray[np.bool_],
 ) -> bool:
     """Set the events' columns; return whether no given column has a fault."""
-    plain = abs(seconds[0]) < LATEST_SECONDS and abs(seconds[-1]) < LATEST_SECONDS
-    plain &= seconds[0] >= latest
+    plain = fill_pixels(x, resolution[0], columns) and fill_pixels(y, resolution[1], rows)
+    return plain and fill_times(seconds, origin, latest, t) and fill_polarities(polarity, ons)
+
+
+@kernel
+def fill_pixels(given: Column, size: int, pixels: NDArray[np.uint16]) -> bool:
+    """Set pixels (N,); return whether all are whole numbers from 0 to size - 1."""
+    plain = True
+    for i in range(len(given)):
+        pixel = np.int32(given[i])
+        plain &= bool(pixel == given[i] and 0 <= pixel < size)
+        pixels[i] = pixel
+    return plain
+
+
+@kernel
+def fill_times(seconds: Column, origin: float, latest: float, t: NDArray[np.float64]) -> bool:
+    """Set times (N,), N > 0, since an origin; return whether they do not decrease from `latest`."""
+    credible = abs(seconds[0]) < LATEST_SECONDS and abs(seconds[-1]) < LATEST_SECONDS
+    plain = bool(credible and seconds[0] >= latest)
     for i in range(1, len(seconds)):
         plain &= seconds[i] >= seconds[i - 1]
-    for i in range(len(x)):
-        u, v, sign = np.int32(x[i]), np.int32(y[i]), polarity[i]
-        plain &= u == x[i] and v == y[i] and 0 <= u < resolution[0] and 0 <= v < resolution[1]
-        plain &= sign == 1.0 or sign == -1.0 or sign == 0.0
-        columns[i], rows[i], t[i], ons[i] = u, v, seconds[i] - origin, sign == 1.0
+    for i in range(len(seconds)):
+        t[i] = seconds[i] - origin
+    return plain
+
+
+@kernel
+def fill_polarities(given: Column, polarity: NDArray[np.bool_]) -> bool:
+    """Set polarities (N,); return whether all are 1, 0 or -1."""
+    plain = True
+    for i in range(len(given)):
+        plain &= given[i] == 1.0 or given[i] == -1.0 or given[i] == 0.0
+        polarity[i] = given[i] == 1.0
     return plain

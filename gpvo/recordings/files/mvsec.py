@@ -13,7 +13,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import kernel
 from gpvo.errors import InputError
 from gpvo.recordings.base import SIDES, Events, Recording, StereoEvents
 from gpvo.recordings.calibration.find import Calibration, rig_for
@@ -22,6 +21,7 @@ from gpvo.recordings.checks.plain_columns import fill_plain
 from gpvo.recordings.checks.sensor_size import check_resolution
 from gpvo.recordings.checks.time_order import DISORDER_NS, SORTED
 from gpvo.recordings.event_batches import stereo_batches
+from gpvo.recordings.files.mvsec_chunks import EventChunks
 from gpvo.recordings.hdf5 import Column, H5Error, holds, open_hdf5
 from gpvo.recordings.pairing import OneCameraError
 from gpvo.recordings.reading_faults import ReadingFaults
@@ -134,6 +134,11 @@ class _EventTable:
         return _EventTable(dataset, resolution, where)
 
     @cached_property
+    def chunks(self) -> EventChunks | None:
+        """Its chunks, if they are packed as MVSEC's are."""
+        return EventChunks.of(self.dataset)
+
+    @cached_property
     def columns(self) -> tuple[Column, ...]:
         """Columns x, y, time and polarity."""
         return tuple(Column(self.dataset, number) for number in range(4))
@@ -201,7 +206,7 @@ class _EventTable:
     def _block(
         self, first_row: int, stop_row: int, origin: float, latest: float, faults: Faults
     ) -> tuple[Events, float]:
-        """Return the events of one block, in the order of the file, and the latest time so far."""
+        """Return the events of one block, in order of time, and the latest time so far."""
         plain = self._plain_block(first_row, stop_row, origin, latest)
         if plain is not None:
             return plain
@@ -218,16 +223,20 @@ class _EventTable:
             seconds - origin,
             columns.polarities(polarity, self.where, first_row),
         )
-        return events, float(in_order[-1])
+        return _sorted(events), float(in_order[-1])
 
     def _plain_block(
         self, first_row: int, stop_row: int, origin: float, latest: float
     ) -> tuple[Events, float] | None:
         """Return the same of a block without faults, None for any; see `fill_plain`.
 
-        Some rows at a time, which stay in the processor's cache meanwhile.
+        Columns are read some rows at a time, which stay in the processor's cache meanwhile.
         """
         events = Events.empty(stop_row - first_row)
+        given = self.resolution, origin, latest
+        last = None if self.chunks is None else self.chunks.fill(events, first_row, *given)
+        if last is not None:
+            return events, last
         for first, stop in pairwise([first_row, *self._ends(first_row, stop_row, CACHED_ROWS)]):
             part = events[first - first_row : stop - first_row]
             x, y, t, polarity = self._columns(first, stop)
@@ -244,19 +253,13 @@ class _EventTable:
 
 def _in_order(waiting: list[Events], events: Events) -> list[Events]:
     """Return events in order of time, in parts; those of one time keep their order."""
-    if _do_not_decrease(events.t, waiting[-1].t[-1] if waiting else -np.inf):
+    if not waiting or events.t[0] >= waiting[-1].t[-1]:
         return [*waiting, events]
-    both = Events.concatenate([*waiting, events])
-    return [both[np.argsort(both.t, kind="stable")]]
+    return [_sorted(Events.concatenate([*waiting, events]))]
 
 
-@kernel
-def _do_not_decrease(t: NDArray[np.float64], before: float) -> bool:
-    """Return whether times (N,) do not decrease, from `before` on."""
-    ordered = len(t) == 0 or t[0] >= before
-    for i in range(1, len(t)):
-        ordered &= t[i] >= t[i - 1]
-    return ordered
+def _sorted(events: Events) -> Events:
+    return events[np.argsort(events.t, kind="stable")]
 
 
 def _is_event_table(item: h5py.Dataset | h5py.Group) -> bool:
