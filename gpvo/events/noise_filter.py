@@ -39,6 +39,10 @@ EXPECTED = 0.53
 """Mean number of them that noise has by chance: a tenth of it has two or more, and passes."""
 LEAST_HOT = 20
 """Number of recent events up to which a pixel is never judged hot."""
+MANY = 200_000
+"""Events of a window from which it takes long to judge them all."""
+UNSEEN = 3
+"""Windows that pass unseen after one of MANY events and no noise."""
 
 KEPT, BACKGROUND, HOT, REPEATED = range(4)
 """What became of an event."""
@@ -78,8 +82,11 @@ class EventFilter:
     pixels.
 
     An event that repeats pixel and time of the one before is left out: a topic that was recorded
-    twice does no harm. What it says of a time follows from the events before that time, however
-    they come in batches: it may be asked in one thread while another one gives it events.
+    twice does no harm. A large sensor's stream that has none of all this is looked at in one of
+    several windows only, and in the time before it that tells which events are isolated.
+
+    What it says of a time follows from the events before that time, however they come in batches:
+    it may be asked in one thread while another one gives it events.
     """
 
     def __init__(self, resolution: tuple[int, int], config: ClusteringConfig) -> None:
@@ -99,6 +106,8 @@ class EventFilter:
         self._support = config.background_filter or 0.0
         self._hot = config.hot_pixel_ratio
         self._window: int | None = None
+        self._next_seen, self._aged = -1, 0
+        self._judged, self._is_clean = 0, True
         self._is_whole = True
         self._noise = deque([Noise(-np.inf, -np.inf, 0.0, 0.0)])
         self._left_out = deque[NDArray[np.float64]](), deque[NDArray[np.float64]]()
@@ -130,10 +139,11 @@ class EventFilter:
         """Return the events that are not noise."""
         if not self._automatic and self._support == 0 and self._hot == 0:
             return events
-        fate = np.empty(len(events), np.uint8)
+        fate = np.zeros(len(events), np.uint8)
         for window, first, last in windows(events.t):
             self._begin(window, float(events.t[first]))
-            self._judge(events[first:last], window * WINDOW, fate[first:last])
+            first += int(np.searchsorted(events.t[first:last], self._seen_from))
+            self._judge(events[first:last], window, fate[first:last])
         if fate.max(initial=KEPT) == KEPT:
             return events
         for times, kind in zip(self._left_out, (BACKGROUND, HOT), strict=True):
@@ -142,29 +152,46 @@ class EventFilter:
         return _kept(events, fate)
 
     def _begin(self, window: int, t: float) -> None:
-        """Find the noise rate of the window that ended, if one begins with the event at `t`."""
-        if self._window is not None and window != self._window:
-            rate, before = noise_rate(self._isolated, self._seen, self._exposure), self._noise[-1]
-            if np.isfinite(before.begin):
-                rate = 0.7 * before.rate + 0.3 * rate if self._is_whole else before.rate
-            self._is_whole = True
-            noisy = rate >= max(CLEAN, FEW * self._seen.sum() / self._exposure.sum())
-            if self._automatic:
-                self._support = support_time(rate) if noisy else 0.0
-            share = passing_share(rate, self._support) if self._support > 0 else 1.0
-            self._noise.append(Noise(window * WINDOW, t, rate, rate * share if noisy else 0.0))
-            self._isolated[:], self._seen[:] = 0, 0
-            _age(self._pixels, np.float32((window - self._window) * WINDOW))
-        self._window = window
+        """Learn from the window that ended, if one begins with the event at `t`."""
+        if self._window == window:
+            return
+        if self._window is not None and self._window >= self._next_seen:
+            self._learn(window, t)
+            is_long = self._is_clean and self._support == 0 and self._judged > MANY
+            self._next_seen = window + UNSEEN * is_long
+        self._isolated[:], self._seen[:] = 0, 0
+        self._window, self._judged, self._is_clean = window, 0, True
 
-    def _judge(self, events: Events, begin: float, fate: NDArray[np.uint8]) -> None:
-        """Write what becomes of the events (N,) of the window from `begin` on, seconds."""
+    @property
+    def _seen_from(self) -> float:
+        """Time from which events are judged, seconds."""
+        return self._next_seen * WINDOW - 2 * ISOLATED
+
+    def _learn(self, window: int, t: float) -> None:
+        """Find the noise rate of the window that ended when one began with the event at `t`."""
+        rate, before = noise_rate(self._isolated, self._seen, self._exposure), self._noise[-1]
+        if np.isfinite(before.begin):
+            rate = 0.7 * before.rate + 0.3 * rate if self._is_whole else before.rate
+        self._is_whole = True
+        noisy = rate >= max(CLEAN, FEW * self._seen.sum() / self._exposure.sum())
+        if self._automatic:
+            self._support = support_time(rate) if noisy else 0.0
+        share = passing_share(rate, self._support) if self._support > 0 else 1.0
+        self._noise.append(Noise(window * WINDOW, t, rate, rate * share if noisy else 0.0))
+
+    def _judge(self, events: Events, window: int, fate: NDArray[np.uint8]) -> None:
+        """Write what becomes of the events (N,) of a window."""
+        if len(events) == 0:
+            return
+        if self._aged != window:
+            _age(self._pixels, np.float32((window - self._aged) * WINDOW))
+            self._aged = window
         _judge(
             events.x,
             events.y,
             events.t,
             events.polarity,
-            begin,
+            window * WINDOW,
             self._pixels,
             self._counts,
             self._isolated,
@@ -173,6 +200,8 @@ class EventFilter:
             self._hot,
             fate,
         )
+        self._judged += len(events)
+        self._is_clean &= not fate.any()
 
 
 def _kept(events: Events, fate: NDArray[np.uint8]) -> Events:

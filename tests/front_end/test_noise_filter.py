@@ -11,10 +11,13 @@ from hypothesis import strategies as st
 from shown_events import of_surface
 
 from gpvo.config import ClusteringConfig
+from gpvo.events import noise_filter as module
 from gpvo.events.noise_filter import (
     EXPECTED,
     LEAST_HOT,
     SUPPORTERS,
+    UNSEEN,
+    WINDOW,
     EventFilter,
     passing_share,
     support_time,
@@ -224,3 +227,51 @@ def test_repeated_events_are_left_out(cut: int) -> None:
     found = Events.concatenate(parts)
     for name in ("x", "y", "t", "polarity"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+@pytest.fixture
+def long_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MANY", 500)
+
+
+@pytest.mark.parametrize("rate", [0.3, 0.6])
+def test_one_of_several_windows_of_many_events_tells_the_same_noise(
+    rate: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    size = (192, 128)
+    events = together(poisson(rate, size, 4.0), edge(192, 128, 4.0))
+    every, noise_filter = (EventFilter(size, ClusteringConfig()) for _ in range(2))
+    assert len(every(events)) == len(events)
+    monkeypatch.setattr(module, "MANY", 500)
+    assert len(noise_filter(events)) == len(events)
+    found, expected = (one.noise(4.0, np.inf).rate for one in (noise_filter, every))
+    assert found == pytest.approx(expected, rel=0.1)
+    begins = [noise.begin for noise in noise_filter._noise][1:]
+    np.testing.assert_allclose(np.diff(begins), (UNSEEN + 1) * WINDOW, atol=0.01)
+
+
+@pytest.mark.usefixtures("long_windows")
+def test_all_windows_of_many_events_are_seen_while_there_is_noise() -> None:
+    size = (96, 64)
+    contour, noise = edge(96, 64, 4.0), poisson(5.0, size, 2.0)
+    here, t = np.full(10_000, 16, np.uint16), np.linspace(0, 2, 10_000)
+    hot = Events(here, here, t, np.ones(len(t), bool))
+    for harm in (noise, hot):
+        late = Events(harm.x, harm.y, harm.t + 2.0, harm.polarity)
+        kept = EventFilter(size, ClusteringConfig())(together(contour, late))
+        left = len(kept.between(3.5, 4.0)) - len(contour.between(3.5, 4.0))
+        assert left < 0.4 * len(late.between(3.5, 4.0))
+
+
+@pytest.mark.usefixtures("long_windows")
+@given(cuts=st.lists(st.integers(0, 1500), max_size=6))
+@settings(deadline=None, max_examples=20)
+def test_batches_do_not_matter_where_windows_are_unseen(cuts: list[int]) -> None:
+    size = (96, 64)
+    events = together(poisson(0.5, size, 1.0), edge(96, 64, 1.0), edge(96, 64, 1.0))
+    whole, parts = (EventFilter(size, ClusteringConfig()) for _ in range(2))
+    kept = whole(events)
+    ends = [0, *sorted(cuts), len(events)]
+    joined = Events.concatenate([parts(events[a:b]) for a, b in pairwise(ends)])
+    np.testing.assert_array_equal(joined.t, kept.t)
+    assert list(whole._noise) == list(parts._noise)
