@@ -49,7 +49,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "default": {},
     "without anchors": {"tracking": {"klt": {"anchor_correlation": 1.0}}},
     "equal deviations": {"tracking": {"klt": {"deviations": False}}},
-    "features by information": {"tracking": {"klt": {"candidates": 2.0}}},
+    "strongest features": {"tracking": {"klt": {"candidates": 1.0}}},
     "without lag": {"tracking": {"compensation": {"lag": 0.0}}},
     "without memory": {
         "tracking": {"klt": {"lost_landmarks": 0}},

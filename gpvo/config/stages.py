@@ -132,7 +132,7 @@ class KltConfig(StageConfig):
         "of them. Later ones are the strongest, wherever they are. null for no limit.",
     )
     candidates: float = Field(
-        default=1.0,
+        default=2.0,
         ge=1,
         description="So many times as many new features are looked at as there is room for, and "
         "those are taken that together tell most of the pose while the motion keeps them in view; "

@@ -19,6 +19,8 @@ TOGETHER = 1024
 """Rows that stay in the processor's first cache while they are converted."""
 
 Bytes = NDArray[np.uint8]
+EventColumns = tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.float64], NDArray[np.bool_]]
+"""Columns x, y, t and polarity of events."""
 
 
 class EventChunks:
@@ -58,7 +60,7 @@ class EventChunks:
         except (OSError, RuntimeError, ValueError):
             return None
         given = self._packed, ends, self._shuffled, self._data, resolution, origin, latest
-        plain, last = _unpacked(*given, events.x, events.y, events.t, events.polarity)
+        plain, last = _unpacked(*given, (events.x, events.y, events.t, events.polarity))
         return float(last) if plain else None
 
     def _read(self, rows: range) -> NDArray[np.int64]:
@@ -90,24 +92,22 @@ def _unpacked(
     resolution: tuple[int, int],
     origin: float,
     latest: float,
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    t: NDArray[np.float64],
-    polarity: NDArray[np.bool_],
+    events: EventColumns,
 ) -> tuple[bool, float]:
     """Set the events of all chunks; return whether none has a fault, and the time of the last."""
     decompressor, size = new_decompressor(), data.size // BYTES
+    x, y, t, polarity = events
     plain, begin = True, 0
     for chunk in range(len(ends)):
         rows = slice(chunk * size, min(chunk * size + size, len(t)))
-        events = x[rows], y[rows], t[rows], polarity[rows]
+        part = x[rows], y[rows], t[rows], polarity[rows]
         for column in range(COLUMNS):
             end = ends[chunk, column]
             plain = plain and unpack(decompressor, packed[begin:end], data)
             begin = end
             if plain:
                 given = data, shuffled, resolution, origin, latest
-                plain, latest = _converted(column, *given, *events)
+                plain, latest = _converted(column, *given, part)
     free_decompressor(decompressor)
     return plain, latest
 
@@ -120,12 +120,10 @@ def _converted(
     resolution: tuple[int, int],
     origin: float,
     latest: float,
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    t: NDArray[np.float64],
-    polarity: NDArray[np.bool_],
+    events: EventColumns,
 ) -> tuple[bool, float]:
     """Set a column of a chunk's events; return whether it has no fault, and the latest time."""
+    x, y, t, polarity = events
     plain, words = True, np.empty(TOGETHER, np.uint64)
     for first in range(0, len(t), TOGETHER):
         stop = min(first + TOGETHER, len(t))
