@@ -12,6 +12,8 @@ from gpvo.simulation import SimulationConfig, simulate
 from gpvo.warm_up.beside import CompileBeside
 
 SIMULATED = SimulationConfig(duration=1.5, resolution=(120, 90), focal_length=80.0, noise_rate=2.0)
+FEATURES = 60
+"""Number of features, of which there are more: those that tell most of the pose are chosen."""
 MISSING = slice(100, 220)
 """Packets that are left out, so that landmarks are lost and found again."""
 
@@ -24,7 +26,7 @@ def warm_up(configuration: Configuration) -> None:
 
 def _estimate(configuration: Configuration) -> None:
     recording = simulate(SIMULATED)
-    live = LiveOdometry(recording.rig, configuration)
+    live = LiveOdometry(recording.rig, _with_few_features(configuration))
     packets = list(RecordingPlayer(recording, speed=1e3).packets())
     del packets[MISSING]
     for packet in packets:
@@ -33,6 +35,12 @@ def _estimate(configuration: Configuration) -> None:
     newest = live.latest()
     if newest is not None:
         newest.at(newest.t + 0.1)
+
+
+def _with_few_features(configuration: Configuration) -> Configuration:
+    tracking = configuration.tracking
+    klt = tracking.klt.model_copy(update={"max_features": FEATURES})
+    return configuration.model_copy(update={"tracking": tracking.model_copy(update={"klt": klt})})
 
 
 def _raw(block: EventBlock) -> RawEvents:
