@@ -129,7 +129,7 @@ class KltConfig(StageConfig):
         ge=1,
         description="The first features are found where a sixteenth of the image has at most so "
         "many times its share of `max_features`: something that moves by itself does not get most "
-        "of them. Later ones are the strongest, wherever they are. null for no limit.",
+        "of them. Later ones may be anywhere. null for no limit.",
     )
     candidates: float = Field(
         default=2.0,

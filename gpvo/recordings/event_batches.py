@@ -12,8 +12,8 @@ from gpvo.recordings.event_queue import EventQueue
 LONGEST_SILENCE = 60.0
 """Seconds; a longer time without events, perhaps from a damaged stamp, is one batch."""
 MOST = 1 << 19
-"""Number of a camera's events in a batch: a part of a reader's block, so that few are of two, which
-have to be joined."""
+"""Number of a camera's events in a batch, as many as in a reader's block: each batch holds up other
+threads several times, which takes longer than to join parts of two blocks."""
 
 
 def stereo_batches(

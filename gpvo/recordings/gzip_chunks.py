@@ -30,11 +30,9 @@ class GzipChunks:
     @staticmethod
     def of(dataset: h5py.Dataset, column: int | None = None) -> GzipChunks | None:
         """Return the chunks of a dataset, or of its column; None if they are packed otherwise."""
-        columns, filters = () if column is None else (column,), filters_of(dataset)
-        alone = dataset.chunks is not None and dataset.chunks[1:] == (1,) * len(columns)
-        if not alone or filters not in ([DEFLATE], [SHUFFLE, DEFLATE]):
-            return None
-        return GzipChunks(dataset, columns, SHUFFLE in filters)
+        columns = () if column is None else (column,)
+        shuffled = is_shuffled(dataset, 1 + len(columns))
+        return None if shuffled is None else GzipChunks(dataset, columns, shuffled)
 
     def rows(self, first_row: int, stop_row: int) -> NDArray[Any] | None:
         """Return rows first_row to stop_row - 1, or None if h5py has to read them.
@@ -56,21 +54,46 @@ class GzipChunks:
     @cached_property
     def _packed(self) -> NDArray[np.uint8]:
         """Room for a packed chunk."""
-        return np.empty(2 * self._size * self._dtype.itemsize + LARGEST_OVERHEAD, np.uint8)
+        return np.empty(room_for(self._size * self._dtype.itemsize), np.uint8)
 
     def _unpack(self, row: int, chunk: NDArray[np.uint8]) -> None:
-        """Fill a chunk (rows, bytes per item), including its rows after the end of the dataset.
-
-        Its size, where the file's index is damaged, may be stated as any number.
-        """
-        left_out, packed = self._id.read_direct_chunk((row, *self._columns), out=self._packed)
+        """Fill a chunk (rows, bytes per item), including its rows after the end of the dataset."""
+        packed = read_chunk(self._id, (row, *self._columns), self._packed)
         data = np.frombuffer(deflate.zlib_decompress(packed, chunk.size), np.uint8)
-        if left_out or len(data) != chunk.size:
-            raise ValueError("a filter was left out, or the chunk is not whole")
+        if len(data) != chunk.size:
+            raise ValueError("the chunk is not whole")
         if self._shuffled:
             cv2.transpose(data.reshape(chunk.shape[::-1]), dst=chunk)
         else:
             chunk[:] = data.reshape(chunk.shape)
+
+
+def is_shuffled(dataset: h5py.Dataset, dimensions: int) -> bool | None:
+    """Return whether gzip packs chunks of single columns shuffled; None if packed otherwise."""
+    filters, chunks = filters_of(dataset), dataset.chunks
+    alone = chunks is not None and chunks[1:] == (1,) * (dimensions - 1)
+    return SHUFFLE in filters if alone and filters in ([DEFLATE], [SHUFFLE, DEFLATE]) else None
+
+
+def room_for(size: int) -> int:
+    """Return how many bytes a chunk of so many bytes may be packed to."""
+    return 2 * size + LARGEST_OVERHEAD
+
+
+def read_chunk(dataset: Any, place: tuple[int, ...], room: NDArray[np.uint8]) -> memoryview:
+    """Read the packed chunk that begins at a place into a room that it need not fill.
+
+    Where the file's index is damaged the chunk's size may be stated as any number.
+
+    Raises
+    ------
+    ValueError
+        If a filter was left out, or the room is too small.
+    """
+    left_out, packed = dataset.read_direct_chunk(place, out=room)
+    if left_out:
+        raise ValueError("a filter was left out")
+    return packed
 
 
 def filters_of(dataset: h5py.Dataset) -> list[int]:

@@ -10,7 +10,7 @@ from factors.kernels.compiled import kernel
 from gpvo.recordings import libdeflate
 from gpvo.recordings.base import Events
 from gpvo.recordings.checks.plain_columns import Column, fill_pixels, fill_polarities, fill_times
-from gpvo.recordings.gzip_chunks import DEFLATE, LARGEST_OVERHEAD, SHUFFLE, filters_of
+from gpvo.recordings.gzip_chunks import is_shuffled, read_chunk, room_for
 from gpvo.recordings.libdeflate import free_decompressor, new_decompressor, unpack
 
 COLUMNS, BYTES = 4, 8
@@ -28,18 +28,17 @@ class EventChunks:
 
     def __init__(self, dataset: h5py.Dataset, shuffled: bool) -> None:
         self._id, self._size, self._shuffled = dataset.id, dataset.chunks[0], shuffled
-        self._most = 2 * self._size * BYTES + LARGEST_OVERHEAD
+        self._room = room_for(self._size * BYTES)
         self._packed = np.empty(0, np.uint8)
         self._data = np.empty(self._size * BYTES, np.uint8)
 
     @staticmethod
     def of(dataset: h5py.Dataset) -> EventChunks | None:
         """Return the chunks of a table; None if they are packed otherwise, or libdeflate hides."""
-        filters, alone = filters_of(dataset), dataset.chunks is not None and dataset.chunks[1] == 1
-        if not (alone and libdeflate.IS_THERE and dataset.dtype.isnative):
+        shuffled = is_shuffled(dataset, dimensions=2)
+        if shuffled is None or not (libdeflate.IS_THERE and dataset.dtype.isnative):
             return None
-        known = filters in ([DEFLATE], [SHUFFLE, DEFLATE])
-        return EventChunks(dataset, SHUFFLE in filters) if known else None
+        return EventChunks(dataset, shuffled)
 
     def fill(
         self,
@@ -64,21 +63,15 @@ class EventChunks:
         return float(last) if plain else None
 
     def _read(self, rows: range) -> NDArray[np.int64]:
-        """Read the chunks that begin at rows; return their ends (chunks, 4) in what was read.
-
-        The size of each, where the file's index is damaged, may be stated as any number.
-        """
+        """Read the chunks that begin at rows; return their ends (chunks, 4) in what was read."""
         ends = np.empty((len(rows), COLUMNS), np.int64)
-        if len(self._packed) < ends.size * self._most:
-            self._packed = np.empty(ends.size * self._most, np.uint8)
+        if len(self._packed) < ends.size * self._room:
+            self._packed = np.empty(ends.size * self._room, np.uint8)
         end = 0
         for number, row in enumerate(rows):
             for column in range(COLUMNS):
-                room = self._packed[end : end + self._most]
-                left_out, packed = self._id.read_direct_chunk((row, column), out=room)
-                if left_out:
-                    raise ValueError("a filter was left out")
-                end += len(packed)
+                room = self._packed[end : end + self._room]
+                end += len(read_chunk(self._id, (row, column), room))
                 ends[number, column] = end
         return ends
 
