@@ -1,18 +1,20 @@
 """Power spectral density of the acceleration, learned from the motion that is seen.
 
-The WNOA errors e of the key states have the covariance Q(dt) = q Q_1(dt), so that their whitened
-values w, for unit Q_c, have the variance q. So have the changes between neighbouring intervals,
+The WNOA errors of the key states, whitened and relative to the root of Q_c, have the variance 1 of
+each axis. Their estimate is y, and its covariance P: the share of it that the measurements tell is
+G = 1 - P. What is smoothed away of the motion, and what of the noise is not, are together expected
+to be least, in units of the measurements' noise, where
 
-    c = (w_next / sqrt(dt_next) - w / sqrt(dt)) / sqrt(1 / dt_next + 1 / dt),
+    y^T P y = tr(P G).
 
-which are zero where the acceleration is constant. Of a motion that is not white, errors tell the
-density of slow accelerations, as those of a hand, and changes that of fast ones, as those of a
-drone that shakes, which otherwise are smoothed away. The prior is ready for both: q is the larger.
+This is the derivative of Stein's unbiased estimate of the risk (1981) with respect to log Q_c. Of
+all frequencies those count with P G, so that Q_c is the density of accelerations where the smoother
+begins to leave them away: slower ones are followed whatever it is, and quicker ones lost. Maximum
+likelihood, y^T y = tr G, is their mean density, which for a drone that shakes is too small, and for
+a hand or a car too large.
 
-After the measurements were used, the sum of n squares is expected to be q r, with the redundancy
-r = n - trace(J P J^T) / q, where P is the covariance of the states and J the Jacobian. Therefore
-sum / r estimates q: this is Foerstner's estimate of variance components (1979), one for rotation
-and one for translation, over the recent past.
+Each axis has its own. y^T P y / tr(P G) times the present Q_c is a step to its solution, with sums
+over the window and the recent past.
 """
 
 from __future__ import annotations
@@ -22,15 +24,17 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_adjoint, se3_inverse, se3_log, se3_right_jacobian_inverse
 from factors.wnoa import information_root
-from gpvo.estimator.isam2 import blocks_of_neighbours
+from gpvo.estimator.state_times import SAME_TIME
 from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
 
 LEAST, MOST = 0.1, 1e4
 """Bounds of what is learned, as a share of the value at the start."""
-TRUST = 5.0
-"""Redundancy that the value at the start counts for."""
+TRUST = 0.3
+"""Weight, a sum of P G, that the value at the start counts for."""
+POOLED = 3.0
+"""Weight that the mean of the three axes of rotation, or translation, counts for in each."""
 
 
 class MotionNoise:
@@ -46,72 +50,60 @@ class MotionNoise:
 
     def __init__(self, start: Array, memory: float) -> None:
         self._start, self._memory = start, memory
-        # of errors and changes, each of rotation and translation
-        self._squares, self._redundancy = np.full((2, 2), TRUST), np.full((2, 2), TRUST)
-        self._until = -np.inf
+        # y^T P y, times Q_c relative to the start's, and tr(P G): of each axis, and each interval
+        self._past, self._window = np.zeros((2, 6)), np.zeros((2, 6, 0))
+        self._stops = np.zeros(0)
 
     @property
     def qc(self) -> Array:
         """(6,) present diagonal of Q_c."""
-        scale = np.clip(self._squares / self._redundancy, LEAST, MOST)
-        return self._start * np.repeat(scale.max(axis=0), 3)
+        sums = (self._past + self._window.sum(axis=2) + TRUST).reshape(2, 2, 3)
+        mean = np.divide(*sums.sum(axis=2, keepdims=True))
+        scale = (sums[0] + POOLED * mean) / (sums[1] + POOLED)
+        return self._start * np.clip(scale.ravel(), LEAST, MOST)
 
     def learn(self, states: States, covariance: Array, linearized: States | None = None) -> None:
         """Add what is known of consecutive states and their covariance (12 K, 12 K).
 
-        `linearized` are the states at which that covariance was found, by default the same.
+        What was said of intervals that are still among them is replaced. `linearized` are the
+        states at which that covariance was found, by default the same.
         """
         if len(states) < 2:
             return
-        squares, redundancy = self._window(states, covariance, linearized or states)
-        if not (np.isfinite(squares).all() and np.isfinite(redundancy).all()):
+        window = interval_sums(states, covariance, linearized or states, self.qc)
+        if not np.isfinite(window).all():
             return
-        passed = min(states.t[-1] - self._until, self._memory * 10)
-        keep = np.exp(-passed / self._memory)
-        self._until = states.t[-1]
-        self._squares = keep * self._squares + squares
-        self._redundancy = keep * self._redundancy + np.maximum(redundancy, 0.0)
+        window[0] *= (self.qc / self._start)[:, None]
+        self._leave(states.t)
+        self._window, self._stops = window, states.t[1:]
 
-    def _window(self, states: States, covariance: Array, linearized: States) -> tuple[Array, Array]:
-        """Compute squares, relative to the start's Q_c, and redundancies.
-
-        Both are (2, 2): of errors and of changes, of rotation and translation.
-        """
-        dt = np.diff(states.t)
-        root = information_root(dt)
-        white = np.einsum("kab,kbi->kai", root, wnoa_errors(states))
-        jacobian = white_jacobian(linearized, root)
-        squares = [white**2, acceleration_changes(white[:-1], white[1:], dt) ** 2]
-        variances = [
-            axis_variances(of_states, covariance)
-            for of_states in (jacobian, change_jacobian(jacobian, dt))
-        ]
-        return (
-            np.stack([_by_component(both.sum(axis=1) / self._start) for both in squares]),
-            np.stack([_by_component(2 - known / self.qc) for known in variances]),
-        )
+    def _leave(self, t: Array) -> None:
+        """Let what is before states at times (K,) be the past, and forget some of it."""
+        if len(self._stops):
+            passed = min((t[-1] - self._stops[-1]) / self._memory, 10.0)
+            self._past *= np.exp(-passed)
+        self._past += self._window[:, :, self._stops <= t[0] + SAME_TIME].sum(axis=2)
 
 
-def _by_component(axes: Array) -> Array:
-    """Add (K, 6) up to (2,): rotation and translation."""
-    return np.asarray(axes.sum(axis=0).reshape(2, 3).sum(axis=1))
+def interval_sums(states: States, covariance: Array, linearized: States, qc: Array) -> Array:
+    """Compute each interval's share (2, 6, K - 1) of y^T P y and tr(P G), by axis."""
+    size, root = len(states) - 1, information_root(np.diff(states.t))
+    white = np.einsum("kab,kbi->kai", root, wnoa_errors(states))
+    y = (white / np.sqrt(qc)).transpose(2, 0, 1).reshape(6, 2 * size)
+    jacobian = axis_jacobians(linearized, root)
+    P = jacobian @ covariance @ jacobian.swapaxes(1, 2) / qc[:, None, None]
+    squares = y * np.einsum("aij,aj->ai", P, y)
+    weight = np.diagonal(P, 0, 1, 2) - (P * P).sum(axis=2)
+    return np.stack([squares, np.maximum(weight, 0.0)]).reshape(2, 6, size, 2).sum(axis=3)
 
 
-def acceleration_changes(before: Array, after: Array, dt: Array) -> Array:
-    """Compute changes (K - 2, ...) from intervals to the next ones, of dt (K - 1,) seconds.
-
-    `before` and `after` are what both have: whitened errors, or what is linear in them.
-    """
-    shares = np.sqrt(np.stack([dt[1:], dt[:-1]]) / (dt[1:] + dt[:-1]))
-    of_before, of_after = shares[:, :, None, None]
-    return np.asarray(of_after * after - of_before * before)
-
-
-def change_jacobian(jacobian: Array, dt: Array) -> Array:
-    """Compute the Jacobian (K - 2, 12, 36) of the changes from that of the errors."""
-    of_before = np.pad(jacobian[:-1], ((0, 0), (0, 0), (0, 12)))
-    of_after = np.pad(jacobian[1:], ((0, 0), (0, 0), (12, 0)))
-    return acceleration_changes(of_before, of_after, dt)
+def axis_jacobians(states: States, root: Array) -> Array:
+    """Compute the Jacobians (6, 2 (K - 1), 12 K) of the whitened errors of each axis, unit Q_c."""
+    k = np.arange(len(states) - 1)
+    blocks = white_jacobian(states, root).reshape(-1, 2, 6, 24)
+    jacobian = np.zeros((len(k), 2, 6, len(states), 12))
+    jacobian[k, :, :, k], jacobian[k, :, :, k + 1] = blocks[..., :12], blocks[..., 12:]
+    return np.asarray(jacobian.transpose(2, 0, 1, 3, 4).reshape(6, 2 * len(k), 12 * len(states)))
 
 
 def white_jacobian(states: States, root: Array) -> Array:
@@ -127,12 +119,6 @@ def white_jacobian(states: States, root: Array) -> Array:
     jacobian[:, 1, :, 6:12], jacobian[:, 1, :, 18:] = -np.eye(6), np.eye(6)
     white = np.einsum("kab,kbin->kain", root, jacobian)
     return np.asarray(white.reshape(-1, 12, 24))
-
-
-def axis_variances(jacobian: Array, covariance: Array) -> Array:
-    """Compute the sums (M, 6) of both variances of each axis, of (M, 12, 12 n) of n states."""
-    blocks = blocks_of_neighbours(covariance, jacobian.shape[2] // 12)
-    return np.asarray(((jacobian @ blocks) * jacobian).sum(axis=2).reshape(-1, 2, 6).sum(axis=1))
 
 
 def wnoa_errors(states: States) -> Array:
