@@ -112,13 +112,10 @@ def joint_covariance(solved: gtsam.ISAM2, numbers: Sequence[int]) -> Array:
     return covariance
 
 
-def blocks_of_neighbours(covariance: Array, count: int = 2) -> Array:
-    """Return the (n - count + 1, 12 count, 12 count) blocks of `count` states in a row.
-
-    They are of a (12 n, 12 n) covariance.
-    """
-    first = 12 * np.arange(len(covariance) // 12 - count + 1)
-    rows = first[:, None] + np.arange(12 * count)
+def blocks_of_neighbours(covariance: Array) -> Array:
+    """Return the (n - 1, 24, 24) blocks of each state and the next of a (12 n, 12 n) covariance."""
+    first = 12 * np.arange(len(covariance) // 12 - 1)
+    rows = first[:, None] + np.arange(24)
     return covariance[rows[:, :, None], rows[:, None, :]]
 
 

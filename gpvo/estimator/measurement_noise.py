@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 ALIKE = 1.7
 """Seconds: with it steps of simulated recordings are best; twice as much smooths drones that shake,
-and a third of it lets noise through where light is low."""
+and a third of it lets noise through."""
 EVEN = 0.08
 """Time between measurements with which covariances are right without a factor, seconds."""
 USUAL = 6.0

@@ -70,10 +70,11 @@ class MotionNoise:
         """
         if len(states) < 2:
             return
-        window = interval_sums(states, covariance, linearized or states, self.qc)
+        qc = self.qc
+        window = interval_sums(states, covariance, linearized or states, qc)
         if not np.isfinite(window).all():
             return
-        window[0] *= (self.qc / self._start)[:, None]
+        window[0] *= (qc / self._start)[:, None]
         self._leave(states.t)
         self._window, self._stops = window, states.t[1:]
 
@@ -100,14 +101,14 @@ def interval_sums(states: States, covariance: Array, linearized: States, qc: Arr
 def axis_jacobians(states: States, root: Array) -> Array:
     """Compute the Jacobians (6, 2 (K - 1), 12 K) of the whitened errors of each axis, unit Q_c."""
     k = np.arange(len(states) - 1)
-    blocks = white_jacobian(states, root).reshape(-1, 2, 6, 24)
+    blocks = white_jacobian(states, root)
     jacobian = np.zeros((len(k), 2, 6, len(states), 12))
     jacobian[k, :, :, k], jacobian[k, :, :, k + 1] = blocks[..., :12], blocks[..., 12:]
     return np.asarray(jacobian.transpose(2, 0, 1, 3, 4).reshape(6, 2 * len(k), 12 * len(states)))
 
 
 def white_jacobian(states: States, root: Array) -> Array:
-    """Compute the Jacobian (K - 1, 12, 24) of the whitened errors, unit Q_c, by state and next.
+    """Compute the Jacobian (K - 1, 2, 6, 24) of the whitened errors, unit Q_c, by state and next.
 
     `root` (K - 1, 2, 2) whitens them. What both poses have in common cancels only where the first
     one's error is seen from the second, hence the adjoint.
@@ -117,8 +118,7 @@ def white_jacobian(states: States, root: Array) -> Array:
     jacobian[:, 0, :, :6] = -se3_adjoint(se3_inverse(se3_inverse(T[:-1]) @ T[1:]))
     jacobian[:, 0, :, 6:12], jacobian[:, 0, :, 12:18] = -dt[:, None, None] * np.eye(6), np.eye(6)
     jacobian[:, 1, :, 6:12], jacobian[:, 1, :, 18:] = -np.eye(6), np.eye(6)
-    white = np.einsum("kab,kbin->kain", root, jacobian)
-    return np.asarray(white.reshape(-1, 12, 24))
+    return np.asarray(np.einsum("kab,kbin->kain", root, jacobian))
 
 
 def wnoa_errors(states: States) -> Array:
