@@ -66,7 +66,7 @@ FRONT_ENDS: dict[str, dict[str, Fields]] = {
     },
     "features": {
         "120": {"tracking": {"klt": {"max_features": 120}}},
-        "300": {"tracking": {"klt": {"max_features": 300, "spacing": 6}}},
+        "300": {"tracking": {"klt": {"usual_features": 300, "spacing": 6}}},
         "half resolution too": {"tracking": {"resolutions": [1, 2]}},
     },
 }

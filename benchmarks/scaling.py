@@ -113,7 +113,9 @@ class StageClock:
 
 def measure(recording: SimulatedRecording, name: str, features: int) -> Point:
     """Run the odometry with at most so many features."""
-    configuration = Configuration.model_validate({"tracking": {"klt": {"max_features": features}}})
+    configuration = Configuration.model_validate(
+        {"tracking": {"klt": {"max_features": features, "usual_features": features}}}
+    )
     clock = StageClock()
     odometry = Odometry(recording.rig, configuration, clock.stage)
     wall, cpu = perf_counter(), process_time()
@@ -163,14 +165,14 @@ def growth(stages: np.ndarray) -> float:
 
 def sizes(resolutions: Sequence[tuple[int, int]], seconds: float) -> list[Point]:
     """Run every resolution with the default features."""
-    features = Configuration().tracking.klt.max_features
+    features = Configuration().tracking.klt.usual_features
     rooms = ((f"{w}x{h}", room((w, h), seconds)) for w, h in resolutions)
     return [measure(recording, name, features) for name, recording in rooms]
 
 
 def rates(resolution: tuple[int, int], seconds: float) -> list[Point]:
     """Run one resolution at several rates of events."""
-    features = Configuration().tracking.klt.max_features
+    features = Configuration().tracking.klt.usual_features
     name = "{}x{}".format(*resolution)
     rooms = [(f"{name}, threshold {c:g}", room(resolution, seconds, c)) for c in THRESHOLDS]
     return [measure(recording, name, features) for name, recording in rooms]

@@ -183,7 +183,7 @@ class FrontEnd:
         if self._image_speed is None:
             return None
         pixel, known = self._tracked_pixel, self._acceleration
-        agree = self._inliers >= AGREE * self._share * self.configuration.tracking.klt.max_features
+        agree = self._inliers >= AGREE * self._share * self.configuration.tracking.klt.features(0.0)
         density = known.density(self._qc) if agree and self._qc is not None else np.inf
         return ImageMotion(self._image_speed / pixel, known.value / pixel, density / pixel**2)
 

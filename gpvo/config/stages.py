@@ -45,6 +45,22 @@ class ClusteringConfig(StageConfig):
         description="Longest duration of a cluster by the blur, seconds, in motion that does not "
         "change.",
     )
+    lively_motion: float = Field(
+        default=1.5,
+        gt=0,
+        description="As `motion`, in lively motion, of which Q_c is large.",
+    )
+    lively_steady: float = Field(
+        default=0.025,
+        gt=0,
+        description="As `steady`, in lively motion, seconds.",
+    )
+    picture: float = Field(
+        default=0.18,
+        ge=0,
+        description="Events per pixel of either camera, noise not counted, that clusters in lively "
+        "motion have even so.",
+    )
     spacing: float = Field(
         default=2.0,
         ge=1,
@@ -122,7 +138,21 @@ class KltConfig(StageConfig):
     pyramid_levels: int = Field(
         default=3, ge=0, description="Coarser pyramid levels above the image."
     )
-    max_features: int = Field(default=200, ge=1, description="Features per frame and resolution.")
+    max_features: int = Field(
+        default=300, ge=1, description="Most features per frame and resolution."
+    )
+    usual_features: int = Field(
+        default=200,
+        ge=1,
+        description="Features per frame, up to `max_features`, however soon frames follow each "
+        "other.",
+    )
+    feature_rate: float = Field(
+        default=4500.0,
+        ge=0,
+        description="Features per second of all frames together that there is time for: where "
+        "frames follow each other more slowly, each has more.",
+    )
     spacing: int = Field(default=8, ge=1, description="Smallest distance between features, pixels.")
     crowding: float | None = Field(
         default=1.5,
@@ -198,6 +228,11 @@ class KltConfig(StageConfig):
     def side(self) -> int:
         """Side of the patch, pixels: the largest one before the camera is known."""
         return self.patch_size or LARGEST_PATCH
+
+    def features(self, seconds: float) -> int:
+        """Return how many features a frame may have, so many seconds after the one before."""
+        paced = max(self.usual_features, self.feature_rate * seconds)
+        return int(min(paced, self.max_features))
 
 
 class Viso2Config(StageConfig):

@@ -1,6 +1,7 @@
 """Length of clusters: so long that contours move by the same distance, whatever the speed.
 
-In fast motion they are longer: as long as the motion hardly changes meanwhile.
+In fast motion they are longer: as long as the motion hardly changes meanwhile. In lively motion
+they are shorter: as long as the motion prior tells what happens meanwhile.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ unknown, and that of a camera that begins at rest."""
 LEAST = 0.05
 """Events per pixel that a cluster may always have, and that slow motion is given time for, noise
 not counted."""
+LIVELY = 0.5
+"""Share of the time between clusters that the motion prior allows, which one may take itself."""
 APART = 2.0
 """Times the blur that contours may leave a constant motion from a cluster's begin to the next."""
 SURGE = 2.0
@@ -57,7 +60,9 @@ class ClusterLength:
     their acceleration a for how long a motion of constant speed is right: T seconds from the middle
     of a cluster of 2 T seconds they are a T^2 / 2 away from it, which may be `config.blur`. The
     longer time counts. Until the motion is known, and where it surges, the number of events ends a
-    cluster. Slow motion may become fast meanwhile: beyond `SHORT` its clusters last until contours
+    cluster. Where the motion is livelier than that, as the density of its acceleration says, less
+    of both is enough, if there are `config.picture` events per pixel: the motion is looked at more
+    often. Slow motion may become fast meanwhile: beyond `SHORT` its clusters last until contours
     would have moved as far at their acceleration, too, or until there are enough events to see it.
     So do those of unknown motion, as noise hides the contours of fewer events, but no longer.
     """
@@ -93,19 +98,34 @@ class ClusterLength:
 
     def _duration(self, motion: ImageMotion) -> float:
         config = self._config
-        by_motion = config.motion / max(motion.speed, 1e-9)
-        by_motion = min(by_motion, max(SHORT, self._still_slow(motion), self._enough_events()))
-        sharp = max(config.shortest, min(config.steady, self._constant(motion)))
-        return min(config.window, max(by_motion, sharp))
+        longest = self._until_moved(motion, config.motion, config.steady)
+        least = self._until_moved(motion, config.lively_motion, config.lively_steady)
+        known = LIVELY * halfway_duration(motion.density, config.uncertainty)
+        return min(longest, max(least, known, self._time_of(config.picture)))
 
-    def _still_slow(self, motion: ImageMotion) -> float:
-        """Return the time in which contours move by `config.motion` if they go on accelerating."""
-        speed, way = max(motion.speed, 1e-9), self._config.motion
+    def _until_moved(self, motion: ImageMotion, way: float, steady: float) -> float:
+        """Return the duration in which contours move by so many pixels.
+
+        The motion of longer ones is to be constant, up to `steady` seconds.
+        """
+        config = self._config
+        by_motion = way / max(motion.speed, 1e-9)
+        slow = max(SHORT, self._still_slow(motion, way), self._enough_events())
+        sharp = max(config.shortest, min(steady, self._constant(motion)))
+        return min(config.window, max(min(by_motion, slow), sharp))
+
+    def _still_slow(self, motion: ImageMotion, way: float) -> float:
+        """Return the time in which contours move by so many pixels if they go on accelerating."""
+        speed = max(motion.speed, 1e-9)
         return 2 * way / (speed + sqrt(speed**2 + 2 * motion.acceleration * way))
 
     def _enough_events(self) -> float:
         """Return the time in which the latest rate of events gives LEAST of them."""
-        return LEAST * self._pixels / max(self._rate, 1.0)
+        return self._time_of(LEAST)
+
+    def _time_of(self, events: float) -> float:
+        """Return the time in which the latest rate gives so many events per pixel."""
+        return events * self._pixels / max(self._rate, 1.0)
 
     def _constant(self, motion: ImageMotion) -> float:
         """Return for how long a motion of constant speed is right."""

@@ -116,6 +116,8 @@ class _ResolutionTracker:
         """Follow features into a cluster; return them, and those found new in the one before."""
         images = self._images(cluster)
         found = self._measured(self._new.result())
+        if self._before is not None and self._before is not cluster:
+            tracker.interval = cluster.start - self._before.start
         followed = self._measured(_follow(tracker, images, cluster.noise_share, motion))
         self._new = Begun(tracker.extend)
         return Observations.concatenate([found, followed])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -39,7 +41,7 @@ def test_contours_move_by_the_motion_within_a_cluster_of_bounded_duration(
     speed: float, motion: float, window: float, shortest: float
 ) -> None:
     limits = length((240, 180), motion=motion, window=window, shortest=shortest).limits
-    duration, _ = limits(ImageMotion(speed))
+    duration, _ = limits(ImageMotion(speed, density=0.0))
     assert shortest <= duration <= window
     at_bound = duration in (shortest, window)
     assert at_bound or duration * speed == pytest.approx(motion)
@@ -50,7 +52,7 @@ def test_contours_in_fast_motion_leave_a_constant_one_by_the_blur_within_a_clust
     acceleration: float, blur: float, shortest: float, steady: float
 ) -> None:
     limits = length((240, 180), blur=blur, shortest=shortest, steady=steady).limits
-    duration, _ = limits(ImageMotion(1e9, acceleration))
+    duration, _ = limits(ImageMotion(1e9, acceleration, 0.0))
     assert shortest <= duration <= steady
     at_bound = duration in (shortest, steady)
     assert at_bound or acceleration * (duration / 2) ** 2 / 2 == pytest.approx(blur)
@@ -61,7 +63,7 @@ def test_slow_contours_move_as_far_while_they_accelerate(
     motion: float, speed: float, acceleration: float
 ) -> None:
     limits = length((240, 180), motion=motion, window=10.0, blur=1e-9).limits
-    duration, _ = limits(ImageMotion(speed, acceleration))
+    duration, _ = limits(ImageMotion(speed, acceleration, 0.0))
     moved = duration * speed + acceleration * duration**2 / 2
     shortest = min(SHORT, motion / speed)
     assert shortest <= duration <= 10.0
@@ -75,7 +77,8 @@ def test_slow_motion_with_few_events_has_time_for_enough(motion: ImageMotion | N
     known.add(pixels, LEAST * pixels / 2, SHORT)  # half of what is enough, the others are noise
     assert known.limits(motion)[0] == pytest.approx(2 * SHORT)
     assert known.limits(None, at_rest=True)[0] == SHORT
-    assert known.limits(ImageMotion(44.0, 1e6))[0] == pytest.approx(0.05)  # not in fast motion
+    fast = ImageMotion(44.0, 1e6, density=0.0)
+    assert known.limits(fast)[0] == pytest.approx(0.05)  # not in fast motion
     known.add(pixels, pixels, SHORT)
     assert known.limits(motion)[0] == SHORT
 
@@ -94,8 +97,32 @@ def test_enough_events_end_the_cluster_of_a_motion_that_begins(share: float, noi
 @given(st.floats(22, 1e5), ACCELERATION)
 def test_the_longer_of_both_times_counts(speed: float, acceleration: float) -> None:
     limits = length((240, 180)).limits
-    alone = (ImageMotion(speed), ImageMotion(1e9, acceleration))
-    assert limits(ImageMotion(speed, acceleration))[0] == max(limits(one)[0] for one in alone)
+    both, *alone = (
+        limits(ImageMotion(*motion, density=0.0))[0]
+        for motion in ((speed, acceleration), (speed, np.inf), (1e9, acceleration))
+    )
+    assert both == max(alone)
+
+
+@given(st.floats(1, 1e3), st.floats(1, 1e5), st.floats(0, 1e9), st.floats(0, 20))
+def test_clusters_of_lively_motion_are_shorter_as_far_as_that_leaves_a_picture(
+    speed: float, acceleration: float, density: float, rate: float
+) -> None:
+    """The image half-way between begins twice as far apart is known to the uncertainty."""
+    lively, pixels = length((240, 180)), 240 * 180
+    lively.add(round(rate * pixels), rate * pixels, 1.0)
+    config, motion = ClusteringConfig(), ImageMotion(speed, acceleration, density)
+    duration, _ = lively.limits(motion)
+    shortest, _ = lively.limits(replace(motion, density=np.inf))
+    longest, _ = lively.limits(replace(motion, density=0.0))
+    assert shortest <= duration <= longest
+    if shortest < duration < longest:
+        off = np.sqrt(density * (2 * duration) ** 3 / 192)
+        assert off == pytest.approx(config.uncertainty)
+    if shortest < longest:
+        assert rate * shortest >= config.picture * (1 - 1e-9)
+        way, steady = speed * shortest, config.lively_steady
+        assert way >= config.lively_motion * (1 - 1e-9) or shortest > SHORT or shortest >= steady
 
 
 @given(st.floats(0.01, 0.1), st.floats(1, 4), KNOWN)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from shown_events import of_surface, shown
 
 from gpvo.config import TrackingConfig
+from gpvo.config.stages import KltConfig
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.tracking import MultiResolutionTracker, Observations, TrackingReport
 from gpvo.tracking.tracker import to_full_resolution
@@ -80,7 +81,7 @@ def test_features_are_given_up_at_once_the_newest_first() -> None:
     assert followed(0) == []  # there are new ones, which the next cluster is to confirm
     all_of_them = followed(1)
     most = len(all_of_them) // 2
-    tracking.limit_features(most / 200)
+    tracking.limit_features(most / KltConfig().usual_features)
     fewer = followed(2)
     assert 0.8 * most < len(fewer) <= most and set(fewer) <= set(all_of_them[:most])
     tracking.limit_features(1.0)

@@ -70,6 +70,9 @@ class KltTracker:
         the camera (in pixels of this resolution) is known. After a gap it is found anew.
     noise_share
         Share of the events in the pictures of the frame that comes next that are noise.
+    interval
+        Time from the latest frame's begin to the next one's, seconds: there is more time for
+        features where it is long.
     report
         What became of the features of the latest frame.
     """
@@ -83,9 +86,8 @@ class KltTracker:
         self._frame_count = 0
         self._landmark_count = 0
         self._new, self.report = (0, 0), TrackingReport(0, 0, 0, 0)
-        self._most, self.T_start_cam = self._config.max_features, np.eye(4)
-        self._T_before = np.eye(4)
-        self.noise_share = 0.0
+        self.T_start_cam, self._T_before = np.eye(4), np.eye(4)
+        self.noise_share, self.interval, self._share = 0.0, 0.0, 1.0
 
     def follow(self, left: Image, right: Image) -> Observations:
         """Follow the known landmarks into a new stereo frame, also those that were lost before."""
@@ -125,7 +127,7 @@ class KltTracker:
 
     def limit_features(self, share: float) -> None:
         """Follow a share of the configured features, from 0 to 1: those known longest."""
-        self._most, frame = int(share * self._config.max_features), self._previous
+        self._share, frame = share, self._previous
         if frame is not None and len(frame.landmark) > self._most:
             self._previous = frame.select(np.arange(len(frame.landmark)) < self._most)
 
@@ -268,9 +270,14 @@ class KltTracker:
         height, width = (-(-side // PARTS) for side in frame.left_image.image.shape)
         return Crowd(width, height, ceil(self._config.crowding * self._most / PARTS**2))
 
+    @property
+    def _most(self) -> int:
+        """Number of landmarks that a frame may have."""
+        return int(self._share * self._config.features(self.interval))
+
     def _room(self, frame: Frame) -> int:
         """Return how many more landmarks a frame may have."""
-        return self._most - len(frame.landmark)
+        return max(self._most - len(frame.landmark), 0)
 
     def _most_new(self, frame: Frame) -> int:
         """Return how many new features are looked at: more than there is room for, if any.
