@@ -51,12 +51,12 @@ class ClusteringConfig(StageConfig):
         description="As `motion`, in lively motion, of which Q_c is large.",
     )
     lively_steady: float = Field(
-        default=0.025,
+        default=0.035,
         gt=0,
         description="As `steady`, in lively motion, seconds.",
     )
     picture: float = Field(
-        default=0.18,
+        default=0.3,
         ge=0,
         description="Events per pixel of either camera, noise not counted, that clusters in lively "
         "motion have even so.",

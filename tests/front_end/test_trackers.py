@@ -16,6 +16,8 @@ from front_end_scenes import (
     Texture,
     cluster_of,
 )
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from shown_events import of_surface, shown
 
@@ -87,6 +89,28 @@ def test_features_are_given_up_at_once_the_newest_first() -> None:
     tracking.limit_features(1.0)
     followed(3)
     assert len(followed(4)) > most
+
+
+@given(st.floats(0, 1), st.integers(1, 500), st.integers(1, 500), st.floats(0, 1e4))
+def test_there_are_as_many_features_as_there_is_time_for(
+    seconds: float, most: int, usual: int, rate: float
+) -> None:
+    config = KltConfig(max_features=most, usual_features=usual, feature_rate=rate)
+    features = config.features(seconds)
+    assert min(usual, most) <= features <= most
+    assert features in (usual, most) or abs(features - rate * seconds) < 1
+
+
+def test_frames_that_are_farther_apart_have_more_features() -> None:
+    klt = {"usual_features": 40, "max_features": 160, "feature_rate": 160 / (4 * FRAME)}
+
+    def followed(apart: int) -> int:
+        tracking = MultiResolutionTracker(configuration("klt", resolutions=(1,), klt=klt))
+        frames = [apart * i for i in range(4)]
+        seen = [tracking.track(cluster("ahead", frame)) for frame in frames][-1]
+        return int((seen.frame == len(frames) - 1).sum())
+
+    assert followed(1) <= 40 < followed(2) <= 80
 
 
 def errors(plane: MovingPlane, seen: Observations) -> tuple[NDArray, NDArray]:
