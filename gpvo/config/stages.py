@@ -48,7 +48,7 @@ class ClusteringConfig(StageConfig):
     lively_motion: float = Field(
         default=1.5,
         gt=0,
-        description="As `motion`, in lively motion, of which Q_c is large.",
+        description="As `motion`, in lively motion, of which Q_c is large, tracked pixels.",
     )
     lively_steady: float = Field(
         default=0.035,

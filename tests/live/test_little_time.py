@@ -89,7 +89,7 @@ def test_after_a_break_the_motion_is_right_and_the_place_as_the_covariance_says(
 def test_all_events_are_taken_where_fewer_landmarks_agree_than_half(
     features: int, all_of_it: bool
 ) -> None:
-    values = {"tracking": {"klt": {"max_features": features}}}
+    values = {"tracking": {"klt": {"max_features": features, "usual_features": features}}}
     odometry = Odometry(room().rig, Configuration.model_validate(values))
     odometry.run(room())
     assert all(report.inliers < 500 for report in odometry.reports)
