@@ -23,10 +23,12 @@ WITHOUT_UNIT = {
     "candidates",
     "first_share",
     "density",
+    "picture",
+    "feature_rate",
     "velocity_share",
     "acceleration_psd",
 }
-"""Ratios, levels of grey, events per pixel, and Q_c, whose halves have units of their own."""
+"""Ratios, levels of grey, numbers per pixel or second, and Q_c, whose halves have their own units."""
 
 
 def fields(stage: StageConfig) -> list[tuple[str, object]]:
