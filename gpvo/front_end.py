@@ -124,7 +124,7 @@ class FrontEnd:
         farther apart than usual. A tracker of a user's own is left alone.
         """
         if isinstance(self._tracker, MultiResolutionTracker):
-            self._tracker.limit_features(features)
+            self._tracker.limit_features(features, spacing)
         self._share = features
         self.clustering.hurry(spacing)
         self._span = self._span_of(spacing)

@@ -66,10 +66,13 @@ class MultiResolutionTracker:
             for index, found in enumerate(parts)
         )
 
-    def limit_features(self, share: float) -> None:
-        """Look for a share of the configured features, from 0 to 1; LIBVISO2's has no limit."""
+    def limit_features(self, share: float, spacing: float = 1.0) -> None:
+        """Look for a share of the configured features, from 0 to 1; LIBVISO2's has no limit.
+
+        Clusters are so many times farther apart than usual, which is no time for more.
+        """
         for tracker in self._trackers:
-            tracker.limit_features(share)
+            tracker.limit_features(share, spacing)
 
     @property
     def report(self) -> TrackingReport:
@@ -139,11 +142,11 @@ class _ResolutionTracker:
             right=to_full_resolution(seen.right, self._side),
         )
 
-    def limit_features(self, share: float) -> None:
+    def limit_features(self, share: float, spacing: float) -> None:
         """Look for a share of the configured features."""
         if isinstance(self._tracker, KltTracker):
             self._new.result()  # the features are in use until then
-            self._tracker.limit_features(share)
+            self._tracker.limit_features(share, spacing)
 
     @property
     def report(self) -> TrackingReport:

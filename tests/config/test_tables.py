@@ -28,7 +28,7 @@ WITHOUT_UNIT = {
     "velocity_share",
     "acceleration_psd",
 }
-"""Ratios, levels of grey, numbers per pixel or second, and Q_c, whose halves have their own units."""
+"""Ratios, levels of grey, numbers per pixel or second, and Q_c, whose halves have own units."""
 
 
 def fields(stage: StageConfig) -> list[tuple[str, object]]:

@@ -104,13 +104,15 @@ def test_there_are_as_many_features_as_there_is_time_for(
 def test_frames_that_are_farther_apart_have_more_features() -> None:
     klt = {"usual_features": 40, "max_features": 160, "feature_rate": 160 / (4 * FRAME)}
 
-    def followed(apart: int) -> int:
+    def followed(apart: int, spacing: float = 1.0) -> int:
         tracking = MultiResolutionTracker(configuration("klt", resolutions=(1,), klt=klt))
+        tracking.limit_features(1.0, spacing)
         frames = [apart * i for i in range(4)]
         seen = [tracking.track(cluster("ahead", frame)) for frame in frames][-1]
         return int((seen.frame == len(frames) - 1).sum())
 
     assert followed(1) <= 40 < followed(2) <= 80
+    assert followed(2, spacing=2.0) <= 40  # there would be no more time if it were not short
 
 
 def errors(plane: MovingPlane, seen: Observations) -> tuple[NDArray, NDArray]:

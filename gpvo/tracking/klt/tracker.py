@@ -87,7 +87,8 @@ class KltTracker:
         self._landmark_count = 0
         self._new, self.report = (0, 0), TrackingReport(0, 0, 0, 0)
         self.T_start_cam, self._T_before = np.eye(4), np.eye(4)
-        self.noise_share, self.interval, self._share = 0.0, 0.0, 1.0
+        self.noise_share, self.interval = 0.0, 0.0
+        self._share, self._spacing = 1.0, 1.0
 
     def follow(self, left: Image, right: Image) -> Observations:
         """Follow the known landmarks into a new stereo frame, also those that were lost before."""
@@ -125,9 +126,12 @@ class KltTracker:
         self._lost = LostLandmarks(self._config.lost_landmarks, self._camera)
         self._frame_count -= 2
 
-    def limit_features(self, share: float) -> None:
-        """Follow a share of the configured features, from 0 to 1: those known longest."""
-        self._share, frame = share, self._previous
+    def limit_features(self, share: float, spacing: float) -> None:
+        """Follow a share of the features, from 0 to 1, that there is time for: those known longest.
+
+        The time is that of frames which are `spacing` times farther apart than they would be.
+        """
+        self._share, self._spacing, frame = share, spacing, self._previous
         if frame is not None and len(frame.landmark) > self._most:
             self._previous = frame.select(np.arange(len(frame.landmark)) < self._most)
 
@@ -273,7 +277,7 @@ class KltTracker:
     @property
     def _most(self) -> int:
         """Number of landmarks that a frame may have."""
-        return int(self._share * self._config.features(self.interval))
+        return int(self._share * self._config.features(self.interval / self._spacing))
 
     def _room(self, frame: Frame) -> int:
         """Return how many more landmarks a frame may have."""
