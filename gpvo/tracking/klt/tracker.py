@@ -132,7 +132,7 @@ class KltTracker:
         The time is that of frames which are `spacing` times farther apart than they would be.
         """
         self._share, self._spacing, frame = share, spacing, self._previous
-        if frame is not None and len(frame.landmark) > self._most:
+        if frame is not None and share < 1.0 and len(frame.landmark) > self._most:
             self._previous = frame.select(np.arange(len(frame.landmark)) < self._most)
 
     def _observations(self, seen: Frame, others: Array) -> Observations:
