@@ -112,7 +112,7 @@ class StageClock:
 
 
 def measure(recording: SimulatedRecording, name: str, features: int) -> Point:
-    """Run the odometry with at most so many features."""
+    """Run the odometry with so many features at most, whatever the time between clusters."""
     configuration = Configuration.model_validate(
         {"tracking": {"klt": {"max_features": features, "usual_features": features}}}
     )
@@ -164,7 +164,7 @@ def growth(stages: np.ndarray) -> float:
 
 
 def sizes(resolutions: Sequence[tuple[int, int]], seconds: float) -> list[Point]:
-    """Run every resolution with the default features."""
+    """Run every resolution with the usual number of features."""
     features = Configuration().tracking.klt.usual_features
     rooms = ((f"{w}x{h}", room((w, h), seconds)) for w, h in resolutions)
     return [measure(recording, name, features) for name, recording in rooms]

@@ -82,7 +82,7 @@ class ClusterLength:
         if config.max_events is not None:
             return config.window, config.max_events
         if image_motion is None:
-            return self._of_unknown_motion(0.0 if at_rest else self._enough_events())
+            return self._of_unknown_motion(0.0 if at_rest else self._time_of(LEAST))
         usual = SURGE * float(median(self._counts)) if self._counts else 0.0
         return self._duration(image_motion), round(max(usual, LEAST * self._pixels))
 
@@ -110,7 +110,7 @@ class ClusterLength:
         """
         config = self._config
         by_motion = way / max(motion.speed, 1e-9)
-        slow = max(SHORT, self._still_slow(motion, way), self._enough_events())
+        slow = max(SHORT, self._still_slow(motion, way), self._time_of(LEAST))
         sharp = max(config.shortest, min(steady, self._constant(motion)))
         return min(config.window, max(min(by_motion, slow), sharp))
 
@@ -118,10 +118,6 @@ class ClusterLength:
         """Return the time in which contours move by so many pixels if they go on accelerating."""
         speed = max(motion.speed, 1e-9)
         return 2 * way / (speed + sqrt(speed**2 + 2 * motion.acceleration * way))
-
-    def _enough_events(self) -> float:
-        """Return the time in which the latest rate of events gives LEAST of them."""
-        return self._time_of(LEAST)
 
     def _time_of(self, events: float) -> float:
         """Return the time in which the latest rate gives so many events per pixel."""

@@ -129,7 +129,8 @@ class KltTracker:
     def limit_features(self, share: float, spacing: float) -> None:
         """Follow a share of the features, from 0 to 1, that there is time for: those known longest.
 
-        The time is that of frames which are `spacing` times farther apart than they would be.
+        The time is that of frames which are `spacing` times farther apart than they would be. While
+        nothing is given up those that are known stay, however little time there is.
         """
         self._share, self._spacing, frame = share, spacing, self._previous
         if frame is not None and share < 1.0 and len(frame.landmark) > self._most:
