@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from factors import StereoCamera
@@ -16,24 +16,30 @@ seeds = st.integers(0, 2**32)
 
 
 @given(seeds, st.sampled_from([1, 2]))
+@example(seed=392803, side=2)  # one landmark is almost reached
 @settings(deadline=None, max_examples=50)
 def test_a_warp_is_the_jacobian_of_the_new_pixel(seed: int, side: int) -> None:
     rng, camera = np.random.default_rng(seed), camera_of_pixels(CAMERA, side)
     T = se3_exp(rng.normal(0, [0.1, 0.1, 0.5, 0.1, 0.1, 0.1], (5, 6)))
     pixels, disparity = rng.uniform([20, 20], [140, 100], (5, 2)), rng.uniform(8, 20, 5)
 
-    def seen(moved: np.ndarray) -> np.ndarray:
-        """Project points at the depth of the landmarks, as the fronto-parallel surface has."""
+    def located(moved: np.ndarray) -> np.ndarray:
+        """Move points at the depth of the landmarks, as the fronto-parallel surface has."""
         points = camera.triangulate(np.column_stack([pixels + moved, disparity]))
-        now = np.einsum("nij,nj->ni", T[:, :3, :3], points) + T[:, :3, 3]
-        return camera.project(now)[:, :2]
+        return np.einsum("nij,nj->ni", T[:, :3, :3], points) + T[:, :3, 3]
+
+    def seen(moved: np.ndarray) -> np.ndarray:
+        return camera.project(located(moved))[:, :2]
 
     step = 1e-5
     numerical = np.stack(
         [(seen(step * axis) - seen(-step * axis)) / (2 * step) for axis in np.eye(2)], axis=2
     )
+    area, ahead = np.linalg.det(numerical), located(np.zeros(2))[:, 2] > 0
+    may_be = (area > LARGEST**-2) & (area < LARGEST**2) & ahead
     warps = warp(camera, np.eye(4), Sights(pixels, disparity, T))
-    np.testing.assert_allclose(warps, numerical, atol=1e-6)
+    np.testing.assert_allclose(warps[may_be], numerical[may_be], atol=1e-6)
+    assert (warps[~may_be] == np.eye(2)).all()
 
 
 @given(seeds)
