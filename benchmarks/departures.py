@@ -36,11 +36,13 @@ DEPARTURES: dict[str, tuple[str, ...]] = {
     "fixed noise": (
         "noise.measurement_information",
         "noise.track_drift",
+        "noise.drift_speed",
         "noise.motion_memory",
         "noise.measurement_memory",
     ),
     "no threshold in pixels": ("mc_ransac.pixel_threshold",),
     "all samples drawn, refined once": ("mc_ransac.confidence", "mc_ransac.refinements"),
+    "least squares": ("estimator.loss", "estimator.loss_scale"),
     "window without memory": ("estimator.method",),
     "velocity kept for ever": ("estimator.bridge",),
     "an update at every cluster": ("estimator.interval",),

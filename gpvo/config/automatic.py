@@ -28,7 +28,12 @@ Powers = Mapping[str, float]
 LENGTHS: dict[str, Powers] = {
     "tracklets": {"time_radius": 1, "min_disparity": 1, "min_length": 1},
     "mc_ransac": {"pixel_threshold": 1},
-    "noise": {"measurement_information": -2, "track_drift": 1, "known_again": 1},
+    "noise": {
+        "measurement_information": -2,
+        "track_drift": 1,
+        "drift_speed": 1,
+        "known_again": 1,
+    },
 }
 """Fields in tracked pixels and the powers of a pixel that they have."""
 

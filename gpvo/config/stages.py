@@ -501,6 +501,13 @@ class NoiseConfig(StageConfig):
         "second: what a landmark was measured at before the window counts as much less certain. 0 "
         "takes it for a point, as the paper does.",
     )
+    drift_speed: float = Field(
+        default=0.0,
+        ge=0,
+        description="Image speed up to which the walk depends on the way that contours move, "
+        "tracked pixels per second: its variance is less by as much as they are slower. 0 makes "
+        "it depend on the time alone.",
+    )
     known_again: float = Field(
         default=0.0,
         ge=0,

@@ -15,6 +15,7 @@ from gpvo.config.stages import Configuration, StageConfig
 UNITS = (
     "tracked pixel^-2",
     "tracked pixels per root second",
+    "tracked pixels per second",
     "tracked pixels",
     "pixels",
     "seconds",

@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 class LearnedNoise:
     """Lets Q_c follow the motion, and R the residuals in the window, if they have a memory.
 
-    If both have, all variances count `MeasurementNoise.variance_factor` times. That changes no
-    estimate, but its covariance.
+    If both have, all variances count `MeasurementNoise.variance_factor` times. That changes
+    covariances, and the estimate only by where a loss lets go.
     """
 
     def __init__(self, start: NoiseConfig) -> None:

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 ALIKE = 1.7
 """Seconds: with it steps of simulated recordings are best; twice as much smooths drones that shake,
 and a third of it lets noise through."""
-EVEN = 0.12
+EVEN = 0.105
 """Time between measurements with which covariances are right without a factor, seconds."""
 USUAL = 6.0
 """Number of measurements of a track that are alike, before it is known."""

@@ -119,9 +119,7 @@ class WindowLandmarks:
     @property
     def interval(self) -> float | None:
         """Mean time between consecutive measurements of a landmark, seconds; None if unknown."""
-        order = np.lexsort((self.measurements.t, self.measurements.landmark))
-        t, landmark = self.measurements.t[order], self.measurements.landmark[order]
-        intervals = np.diff(t)[landmark[1:] == landmark[:-1]]
+        intervals, _ = self._between_measurements()
         return float(intervals.mean()) if len(intervals) else None
 
     def points(self, window: NumberedStates) -> tuple[NDArray[np.int64], Array]:
@@ -174,9 +172,22 @@ class WindowLandmarks:
         A track walks at random on its landmark. One that is lost now may be found again elsewhere
         on it, and stays what it is meanwhile.
         """
-        walk = self._build.noise.track_drift * np.sqrt(duration)
+        walk = self._build.noise.track_drift * np.sqrt(duration * self._walking())
         jump = lost_now * self._build.noise.known_again
         return np.repeat(np.hypot(walk * ~lost, jump)[:, None], 3, axis=1)
+
+    def _walking(self) -> float:
+        """Return the share of their usual variance with which tracks walk: contours may be slow."""
+        duration, way = self._between_measurements()
+        usual = self._build.noise.drift_speed * duration.sum()
+        return min(float(way.sum() / usual), 1.0) if usual > 0 else 1.0
+
+    def _between_measurements(self) -> tuple[Array, Array]:
+        """Return seconds (n,) and pixels (n,) between consecutive measurements of landmarks."""
+        seen = self.measurements[np.lexsort((self.measurements.t, self.measurements.landmark))]
+        same = seen.landmark[1:] == seen.landmark[:-1]
+        way = np.linalg.norm(np.diff(seen.stereo[:, :2], axis=0), axis=1)
+        return np.diff(seen.t)[same], way[same]
 
     def _remembered(self, lost: Index, away: Index) -> Index:
         """Return the landmarks that are lost now, and of the others those still away."""

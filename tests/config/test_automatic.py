@@ -93,6 +93,7 @@ def test_lengths_of_the_sensor_are_twice_those_at_half_its_resolution() -> None:
         "mc_ransac.pixel_threshold": 2,
         "noise.measurement_information": 1 / 4,
         "noise.track_drift": 2,
+        "noise.drift_speed": 2,
         "noise.known_again": 2,
     }
     for finest_is_full in (Configuration(), tracked_at(1), tracked_at(1, 2)):
