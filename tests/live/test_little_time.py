@@ -54,16 +54,19 @@ def off(trajectory: Trajectory, t: NDArray[np.float64], seed: int = 5) -> NDArra
 
 
 def test_with_a_quarter_of_the_time_and_half_of_the_features_the_path_is_nearly_as_good() -> None:
-    whole, _ = run(lambda t: True)
-    least, _ = run(lambda t: True, FEWEST, WIDEST)
+    seeds = range(5, 10)  # one room may be lucky
+    wholes = [run(lambda t: True, seed=seed) for seed in seeds]
+    leasts = [run(lambda t: True, FEWEST, WIDEST, seed) for seed in seeds]
+    (whole, _), (least, _) = wholes[0], leasts[0]
     events, used = len(room().left) + len(room().right), sum(r.events for r in least.reports)
     assert used < 0.35 * events and len(least.reports) < 0.6 * len(whole.reports)
     assert sum(report.between for report in least.reports) > 0.6 * events
-    assert all(report.inliers > 20 for report in least.reports[2:])
-    t, seeds = np.linspace(0.1, 2.7, 50), range(5, 10)  # one room may be lucky
+    inliers = np.array([report.inliers for one, _ in leasts for report in one.reports[2:]])
+    assert np.median(inliers) > 60 and np.mean(inliers > 20) > 0.8
+    t = np.linspace(0.1, 2.7, 50)
     all_of_it, part = (
-        np.mean([off(run(lambda t: True, *less, seed)[1], t, seed).max() for seed in seeds])
-        for less in ((1.0, 1.0), (FEWEST, WIDEST))
+        np.mean([off(path, t, seed).max() for (_, path), seed in zip(runs, seeds, strict=True)])
+        for runs in (wholes, leasts)
     )
     assert part < 3 * all_of_it
 
