@@ -61,7 +61,7 @@ def test_with_a_quarter_of_the_time_and_half_of_the_features_the_path_is_nearly_
     events, used = len(room().left) + len(room().right), sum(r.events for r in least.reports)
     assert used < 0.35 * events and len(least.reports) < 0.6 * len(whole.reports)
     assert sum(report.between for report in least.reports) > 0.6 * events
-    assert all(report.inliers > 20 for report in least.reports[2:-1])  # few are left in the last one
+    assert all(report.inliers > 20 for report in least.reports[2:-1])  # the last has few
     inliers = np.array([report.inliers for one, _ in leasts for report in one.reports[2:]])
     assert np.median(inliers) > 60 and np.mean(inliers > 20) > 0.8
     t = np.linspace(0.1, 2.7, 50)
