@@ -318,11 +318,12 @@ class CompensationConfig(StageConfig):
         "patch that is tracked.",
     )
     lag: float = Field(
-        default=0.38,
+        default=0.5,
         ge=0,
-        description="How far contours are seen behind where they are in clusters of usual length, "
-        "pixels: half of the contrast threshold over the gradient of the logarithmic brightness. "
-        "Observations are moved ahead by it; 0 leaves them.",
+        description="How far contours are seen behind where they are, over the way between two "
+        "events of a pixel, which is the contrast threshold over the gradient of the logarithmic "
+        "brightness and found from the stream: half by theory. Observations are moved ahead by it; "
+        "0 leaves them.",
     )
     density: float | None = Field(
         default=0.5,

@@ -21,6 +21,7 @@ from gpvo.events.noise_level import NoiseLevel
 from gpvo.second_thread import both
 from gpvo.tracking.compensated_image import CompensatedImage
 from gpvo.tracking.contour_lag import ContourLag
+from gpvo.tracking.event_spacing import EventSpacing
 from gpvo.tracking.event_sums import CELL, Flow
 from gpvo.tracking.observations import Observations
 
@@ -53,6 +54,7 @@ from 3 to 4, and 1.03 below.
 """
 UNKNOWN: Flow = np.zeros((1, 1, 2), np.float32)
 """Image motion if it is unknown: none."""
+NO_EVENTS = ClusterEvents((), np.empty((0, 0, 2), np.float32), (0, 0))
 
 
 class MotionCompensation:
@@ -81,6 +83,7 @@ class MotionCompensation:
         self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN
         self._learned, self._doubts = 0, deque[float](maxlen=frames)
         self._lags = ContourLag(config.lag), ContourLag(config.lag)
+        self._spacing, self._latest = EventSpacing(side), NO_EVENTS
         self._full_count: deque[float] = deque(maxlen=USUAL)
         self._noise, self._still = NoiseLevel(), False
 
@@ -93,7 +96,7 @@ class MotionCompensation:
         """Make the left and right picture of a new cluster at the middle of its interval."""
         middle = 0.5 * (cluster.start + cluster.stop)
         self._pause, self._stop = cluster.start - self._stop, cluster.stop
-        self.blurred = False
+        self._latest, self.blurred = cluster.left, False
         self.at_rest = self._is_still(cluster)
         if self.at_rest and self._moving:
             left, right = (image.held(middle) for image in self._moving)
@@ -211,8 +214,11 @@ class MotionCompensation:
         )
         self.blurred = self._flows[0] is UNKNOWN and _median_length(left) * dt > BLURRED
         self._flows, self._learned = (left, right), self._frame_count
+        duration = dt - self._pause
+        if self._config.lag > 0:
+            self._spacing.follow(self._latest, left, duration)
         change, _ = (
-            lag.follow(flow, dt, dt - self._pause)
+            lag.follow(flow, dt, duration, self._spacing.value)
             for lag, flow in zip(self._lags, self._flows, strict=True)
         )
         self._doubts[-1] = min(UNSURE, hypot(1, _median_length(change) / TURN))

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 LARGEST = 3.0
 """Largest change of a patch's size by a warp."""
+UPRIGHT = np.eye(3, 2)
+"""Warp that changes nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +63,15 @@ def predict(camera: StereoCamera, T_start_cam: Array, sights: Sights) -> Array:
 
 
 def warp(camera: StereoCamera, T_start_cam: Array, sights: Sights) -> Array:
-    """Predict the warps (N, 2, 2) of the image around landmarks at a pose.
+    """Predict the warps (N, 3, 2) of the image around landmarks at a pose.
 
-    A warp is the Jacobian of the new pixel with respect to the old one, on a surface that faced the
-    camera then:
+    A warp is the homography dp' = J dp / (1 + h dp) of pixels around the landmark's own, on a
+    surface that faced the camera then. Its first rows are J, the last one is h:
 
-        Q = R Z (x, y, 1) + t,  dp'/dp = f / Q_z (dQ_xy - Q_xy / Q_z dQ_z),  dQ/dp = R Z / f
+        Q = R Z (x, y, 1) + t,  J = f / Q_z (dQ_xy - Q_xy / Q_z dQ_z),  h = dQ_z / Q_z
 
-    What would be shrunk or enlarged more than LARGEST times is left as it is.
+    with dQ / dp = R Z / f. What would be shrunk or enlarged more than LARGEST times is left as it
+    is.
     """
     columns = sights.point, sights.disparity, sights.T_start_cam
     return np.asarray(_warp_kernel(camera.parameters, se3_inverse(T_start_cam), *columns))
@@ -101,7 +104,7 @@ def _warp_kernel(
     camera: Array, T_cam_start: Array, point: Array, disparity: Array, T_start_then: Array
 ) -> Array:
     now = _points_kernel(camera, T_cam_start, point, disparity, T_start_then)
-    warps, slope = np.empty((len(point), 2, 2)), np.empty((3, 2))
+    warps, slope = np.empty((len(point), 3, 2)), np.empty((3, 2))
     for i in range(len(point)):
         depth = max(now[i, 2], 1e-6)
         scale = camera[0] * camera[4] / disparity[i] / depth
@@ -112,9 +115,11 @@ def _warp_kernel(
             for k in range(2):
                 change = slope[row, k] - now[i, row] / depth * slope[2, k]
                 warps[i, row, k] = change * camera[row] / camera[k]
+        for k in range(2):
+            warps[i, 2, k] = slope[2, k] / camera[k]
         area = warps[i, 0, 0] * warps[i, 1, 1] - warps[i, 0, 1] * warps[i, 1, 0]
         if not (LARGEST**-2 < area < LARGEST**2 and now[i, 2] > 0):
-            warps[i, 0, 0], warps[i, 0, 1], warps[i, 1, 0], warps[i, 1, 1] = 1.0, 0.0, 0.0, 1.0
+            warps[i] = UPRIGHT
     return warps
 
 

@@ -16,7 +16,7 @@ from gpvo.config import TrackingConfig
 from gpvo.tracking.klt import KltTracker
 from gpvo.tracking.klt.anchors import Anchors, match_anchors
 from gpvo.tracking.klt.lucas_kanade import Pyramid
-from gpvo.tracking.sights import Sights
+from gpvo.tracking.sights import UPRIGHT, Sights
 
 SIDE = 31
 SHAPE = (160, 200)
@@ -60,16 +60,31 @@ def test_a_warped_and_darker_image_is_matched(
     now = np.clip(gain * warped + bias, 0, 255).astype(np.uint8)
     guess = (moved + rng.uniform(-0.7, 0.7, moved.shape)).astype(np.float32)
     found, alike = match_anchors(
-        anchors_at(image, points), np.tile(A, (6, 1, 1)), pyramid(now), guess
+        anchors_at(image, points), np.tile(np.vstack([A, [0, 0]]), (6, 1, 1)), pyramid(now), guess
     )
     assert (alike > 0.9).all()
     assert np.linalg.norm(found - moved, axis=1).max() < 0.15
 
 
+@given(seeds, st.floats(-0.004, 0.004), st.floats(-0.004, 0.004))
+@settings(deadline=None, max_examples=40)
+def test_a_surface_that_is_seen_aslant_is_matched(seed: int, across: float, down: float) -> None:
+    """The warp of a turned camera is no affine one: its borders are magnified otherwise."""
+    image, point, h = texture(seed), np.array([[100.0, 80.0]]), np.array([across, down])
+    to_point = np.array([[1, 0, -100.0], [0, 1, -80.0], [0, 0, 1]])
+    H = np.linalg.inv(to_point) @ np.array([[1, 0, 0], [0, 1, 0], [*h, 1]]) @ to_point
+    now = cv2.warpPerspective(image, H, SHAPE[::-1], borderMode=cv2.BORDER_REFLECT_101)
+    warps = np.vstack([np.eye(2), h])[None]
+    guess = point.astype(np.float32) + np.float32([0.6, -0.4])
+    found, alike = match_anchors(anchors_at(image, point), warps, pyramid(now), guess)
+    assert alike[0] > 0.98
+    assert np.linalg.norm(found - point) < 0.05
+
+
 def test_another_image_does_not_look_alike() -> None:
     points = np.random.default_rng(1).uniform([40, 40], [160, 120], (50, 2))
     guess = points.astype(np.float32)
-    warps = np.tile(np.eye(2), (50, 1, 1))
+    warps = np.tile(UPRIGHT, (50, 1, 1))
     _, alike = match_anchors(anchors_at(texture(1), points), warps, pyramid(texture(2)), guess)
     assert (alike < 0.6).all()
 

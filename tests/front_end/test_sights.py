@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from factors import StereoCamera
 from factors.lie import se3_exp
 from gpvo.tracking.ego_motion import camera_of_pixels
-from gpvo.tracking.sights import LARGEST, Sights, predict, warp
+from gpvo.tracking.sights import LARGEST, UPRIGHT, Sights, predict, warp
 
 CAMERA = StereoCamera(200.0, 210.0, 160.0, 120.0, 0.1)
 seeds = st.integers(0, 2**32)
@@ -38,8 +38,13 @@ def test_a_warp_is_the_jacobian_of_the_new_pixel(seed: int, side: int) -> None:
     area, ahead = np.linalg.det(numerical), located(np.zeros(2))[:, 2] > 0
     may_be = (area > LARGEST**-2) & (area < LARGEST**2) & ahead
     warps = warp(camera, np.eye(4), Sights(pixels, disparity, T))
-    np.testing.assert_allclose(warps[may_be], numerical[may_be], atol=1e-6)
-    assert (warps[~may_be] == np.eye(2)).all()
+    np.testing.assert_allclose(warps[may_be, :2], numerical[may_be], atol=1e-6)
+    assert (warps[~may_be] == UPRIGHT).all()
+    away = rng.uniform(-12, 12, pixels.shape)  # pixels, as far as a patch reaches
+    shift = np.einsum("nij,nj->ni", warps[:, :2], away)
+    expected = shift / (1 + (warps[:, 2] * away).sum(axis=1, keepdims=True))
+    moved = seen(away) - seen(np.zeros(2))
+    np.testing.assert_allclose(moved[may_be], expected[may_be], atol=1e-6)
 
 
 @given(seeds)
@@ -76,4 +81,4 @@ def test_what_cannot_be_warped_is_left_as_it_is() -> None:
     T[:, 2, 3] = -3.0, -1.999, 2.0 * LARGEST
     sights = Sights(np.full((3, 2), 100.0), np.full(3, 200.0 * 0.1 / 2.0), T)
     warps = warp(CAMERA, np.eye(4), sights)
-    np.testing.assert_array_equal(warps, np.tile(np.eye(2), (3, 1, 1)))
+    np.testing.assert_array_equal(warps, np.tile(UPRIGHT, (3, 1, 1)))

@@ -113,13 +113,15 @@ def warp_kernel(
 ) -> None:
     """Sample a kept patch at the pixels of the image, and of a margin of one around them.
 
+    From the image back the warp is dp = q / (1 - h q) with q = J^-1 dp'.
     A row's places are computed before its samples are read, so that either loop is a vector's.
     """
     x_0, y_0, last = np.float32(place[0]), np.float32(place[1]), np.float32(len(patch) - 1.001)
-    half, nothing, columns = side // 2 + 1, np.float32(0), len(patch)
+    half, nothing, one, columns = side // 2 + 1, np.float32(0), np.float32(1), len(patch)
     area = warp[0, 0] * warp[1, 1] - warp[0, 1] * warp[1, 0]
     a, b = np.float32(warp[1, 1] / area), np.float32(-warp[0, 1] / area)
     c, d = np.float32(-warp[1, 0] / area), np.float32(warp[0, 0] / area)
+    g, h = np.float32(warp[2, 0]), np.float32(warp[2, 1])
     pixels, start = patch.ravel().astype(np.float32), np.empty(side + 2, np.int32)
     beside, below, both = pixels[1:], pixels[columns:], pixels[columns + 1 :]
     right, low = np.empty(side + 2, np.float32), np.empty(side + 2, np.float32)
@@ -127,8 +129,10 @@ def warp_kernel(
         y, line = np.float32(row - half), samples[row * width : row * width + side + 2]
         for k in range(side + 2):
             x = np.float32(np.int32(k) - np.int32(half))
-            u = min(max(x_0 + b * y + a * x, nothing), last)
-            v = min(max(y_0 + d * y + c * x, nothing), last)
+            across, down = b * y + a * x, d * y + c * x
+            nearer = one / (one - g * across - h * down)
+            u = min(max(x_0 + nearer * across, nothing), last)
+            v = min(max(y_0 + nearer * down, nothing), last)
             left, top = np.int32(u), np.int32(v)
             right[k], low[k] = u - np.float32(left), v - np.float32(top)
             start[k] = top * np.int32(columns) + left

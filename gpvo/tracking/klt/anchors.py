@@ -51,7 +51,7 @@ class Anchors(ArrayTable):
 def match_anchors(
     anchors: Anchors, warps: Array, image: Pyramid, guess: Points
 ) -> tuple[Points, Array]:
-    """Match anchors under their warps (N, 2, 2) with an image, from a guess (N, 2) on.
+    """Match anchors under their warps (N, 3, 2) with an image, from a guess (N, 2) on.
 
     Brightness and contrast may differ: event images of slow motion have fewer events. Returns the
     points in the image (N, 2), and the correlation (N,) of the warped patches with the image there,
@@ -77,7 +77,7 @@ def match_anchors(
 
 
 def warped_patches(anchors: Anchors, warps: Array, side: int) -> NDArray[np.float32]:
-    """Return the patches (N, side, side) of anchors under their warps (N, 2, 2)."""
+    """Return the patches (N, side, side) of anchors under their warps (N, 3, 2)."""
     return warp_patches_kernel(anchors.patch, places(anchors), warps, side)
 
 

@@ -42,7 +42,7 @@ def follow(
 
     In time patches are searched from the coarsest level on, there and back: what is ambiguous among
     noise then does not come back. A landmark that the quad leads back is matched with its anchor
-    under its warp (2, 2), so that errors of the matches do not add up; that match takes the place
+    under its warp (3, 2), so that errors of the matches do not add up; that match takes the place
     of the one with the previous frame, unless the landmark looks unlike its anchor. It is lost if
     the two are far apart. The disparity stays: it hardly differs a fraction of a pixel beside.
     Returns the left and right points (N, 2) and marks (N,).

@@ -15,7 +15,7 @@ from gpvo.tracking.klt.anchors import Anchors, match_anchors, warped_patches
 from gpvo.tracking.klt.frame import Frame
 from gpvo.tracking.klt.lost_landmarks import LastSights
 from gpvo.tracking.pose_of_matches import fitted_pose, pose_of_matches
-from gpvo.tracking.sights import points_in_start, warp
+from gpvo.tracking.sights import UPRIGHT, points_in_start, warp
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -72,7 +72,7 @@ def refined_pose(camera: StereoCamera, frame: Frame, lost: LastSights) -> Array 
 def _matches(
     frame: Frame, anchors: Anchors, warps: Array, least_correlation: float
 ) -> tuple[Index, Array]:
-    """Match anchors under their warps (N, 2, 2) with a frame around its features.
+    """Match anchors under their warps (N, 3, 2) with a frame around its features.
 
     Returns which landmark each match (N,) is of, and (u_left, v, disparity) there (N, 3).
     """
@@ -86,7 +86,7 @@ def _matches(
 
 def _most_alike(frame: Frame, anchors: Anchors, warps: Array) -> tuple[Index, Index]:
     """Return pairs of landmarks and those of the frame's features that look most like them."""
-    side, upright = frame.left_image.patch_size, np.tile(np.eye(2), (len(frame.left), 1, 1))
+    side, upright = frame.left_image.patch_size, np.tile(UPRIGHT, (len(frame.left), 1, 1))
     seen = warped_patches(Anchors.of_image(frame.left_image, frame.sights), upright, side)
     known = warped_patches(anchors, warps, side)
     alike = _normalised(known) @ _normalised(seen).T

@@ -33,7 +33,7 @@ from gpvo.tracking.klt.relocation import refined_pose, relocated_pose
 from gpvo.tracking.klt.row_search import search_rows
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.report import TrackingReport
-from gpvo.tracking.sights import predict, warp
+from gpvo.tracking.sights import UPRIGHT, predict, warp
 
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
@@ -251,9 +251,9 @@ class KltTracker:
         return index[chosen]
 
     def _warps(self, frame: Frame, anchors: Anchors) -> NDArray[np.float64]:
-        """Warps (N, 2, 2) from the anchors' images to the frame."""
+        """Warps (N, 3, 2) from the anchors' images to the frame."""
         if self._camera is None:
-            return np.tile(np.eye(2), (len(anchors), 1, 1))
+            return np.tile(UPRIGHT, (len(anchors), 1, 1))
         return warp(self._camera, frame.T_start_cam, anchors.sights)
 
     def _detect(self, frame: Frame, count: int) -> Points:
