@@ -211,7 +211,7 @@ class KltConfig(StageConfig):
         "and the correlation of left and right; otherwise all have those of R.",
     )
     lost_landmarks: int = Field(
-        default=450,
+        default=900,
         ge=0,
         description="Landmarks that were lost, which are searched where the motion brings them "
         "back into view: two thirds the latest, the others spread over all before; 0 for none.",
@@ -219,9 +219,8 @@ class KltConfig(StageConfig):
     search_tolerance: float = Field(
         default=3.0,
         gt=0,
-        description="Largest distance of a landmark that is found again from where all that are "
-        "found are on average, relative to where the motion takes them, pixels; its half for "
-        "disparities.",
+        description="Largest distance of a landmark that is found again from where the motion "
+        "takes it, or from there as several others are, pixels; its half for disparities.",
     )
 
     @property
@@ -563,7 +562,7 @@ class EstimatorConfig(StageConfig):
         "the window.",
     )
     lost_landmarks: int = Field(
-        default=450,
+        default=900,
         ge=0,
         description="Landmarks that fixed_lag remembers when they are not measured in the window "
         "any more, because they may be known again: two thirds the latest, the others spread over "

@@ -55,7 +55,7 @@ def known_again(seen: list[Observations], first: int) -> tuple[int, NDArray[np.f
     return len(before.landmark), np.linalg.norm(now.left[j] - before.left[i], axis=1)
 
 
-@pytest.mark.parametrize("drifted", [0.0, 1.5, -3.0])
+@pytest.mark.parametrize("drifted", [0.0, 1.5, -3.0, 6.0])
 def test_landmarks_are_known_again(drifted: float) -> None:
     """The same columns as at the beginning are in view at the end, and none of them between."""
     seen = tracked(SLOW + AWAY + [25, 20, 15], drifted)

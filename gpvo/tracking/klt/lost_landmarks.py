@@ -71,11 +71,10 @@ class LostLandmarks:
             all_lost = LastSights.concatenate([self.last[~found], all_lost])
         self.last = all_lost[remembered(all_lost.landmark, self._size)]
 
-    def in_view(self, frame: Frame, spacing: float) -> tuple[LastSights, Array] | None:
+    def in_view(self, frame: Frame) -> tuple[LastSights, Array] | None:
         """Return landmarks that the motion takes into a frame, and where, (u_left, v, disparity).
 
-        Those nearer to the frame's own landmarks than the spacing are left out. None if there are
-        no others.
+        None if there are none.
         """
         if self._camera is None or self.last is None:
             return None
@@ -84,7 +83,6 @@ class LostLandmarks:
         last = np.array([width, height]) - 1.0 - MARGIN
         inside = np.all((there[:, :2] >= MARGIN) & (there[:, :2] <= last), axis=1)  # not if NaN
         index = np.flatnonzero(inside)
-        index = index[~are_near(there[index, :2], frame.left, spacing)]
         return (self.last[index], there[index]) if len(index) else None
 
 

@@ -21,7 +21,8 @@ from factors.lie import se3_inverse
 from gpvo.config import TrackingConfig
 from gpvo.second_thread import both
 from gpvo.tracking.features import ANY, Crowd, extrema, smooth, strongest_spaced
-from gpvo.tracking.klt.anchors import Anchors, match_anchors
+from gpvo.tracking.klt.anchors import Anchors
+from gpvo.tracking.klt.drifted_search import match_drifted
 from gpvo.tracking.klt.following import CHANGED, FINE, KNOWN, follow
 from gpvo.tracking.klt.frame import Frame
 from gpvo.tracking.klt.lost_landmarks import LostLandmarks, are_near
@@ -49,10 +50,6 @@ RELOCATED = 10
 """Number of frames with features after that in which lost landmarks are searched anywhere."""
 REFINEMENTS = 3
 """Times that they are searched where a pose has them, which is refined by those that are found."""
-LEAST_DRIFTED = 5
-"""Least number of landmarks found again that tell by how much the motion has drifted."""
-NO_DRIFT = 1.0
-"""Drift up to which the first matches are good, pixels."""
 LEAST_SHARE = 0.1
 """Share of contours' events below which matches are taken to scatter no more."""
 LEAST_DISPARITY = 0.5
@@ -210,38 +207,21 @@ class KltTracker:
 
     def _with_found_again(self, frame: Frame) -> Frame:
         """Add landmarks that were lost, where the motion brings them back into view."""
-        searched = self._lost.in_view(frame, self._config.spacing)
+        searched, config = self._lost.in_view(frame), self._config
         if searched is None or self._room(frame) <= 0:
             return frame
         lost, there = searched
-        left, alike = self._match_drifted(frame, lost.anchors, there[:, :2].astype(np.float32))
-        known = np.flatnonzero(alike >= self._config.anchor_correlation)
+        given = lost.anchors, self._warps(frame, lost.anchors), frame.left_image
+        limits = config.search_tolerance, config.anchor_correlation
+        left, alike = match_drifted(*given, there[:, :2].astype(np.float32), *limits)
+        known = np.flatnonzero(alike >= config.anchor_correlation)
         lost, there, left, alike = lost[known], there[known], left[known], alike[known]
         right, found = self._in_right(frame, left, left - _shift(there), FINE)
         change = np.abs(left[:, 0] - right[:, 0] - there[:, 2])
-        found &= change < 0.5 * self._config.search_tolerance
+        found &= change < 0.5 * config.search_tolerance
         index = self._spaced(left, alike, found, frame)
         again = lost.landmark[index], left[index], right[index], lost.anchors[index]
         return frame.joined(frame.with_landmarks(*again))
-
-    def _match_drifted(
-        self, frame: Frame, anchors: Anchors, expected: Points
-    ) -> tuple[Points, Array]:
-        """Match anchors with a frame near points (N, 2), all of which are off by a common shift.
-
-        Returns the points in the frame (N, 2) and the correlation (N,) of the patches, -1 for those
-        that are not found. The motion has drifted by the shift, the median of first matches.
-        """
-        given = anchors, self._warps(frame, anchors), frame.left_image
-        left, alike = match_anchors(*given, expected)
-        known = alike >= self._config.anchor_correlation
-        if known.sum() >= LEAST_DRIFTED:
-            drift = np.median((left - expected)[known], axis=0)
-            expected = expected + drift
-            if np.linalg.norm(drift) > NO_DRIFT:
-                left, alike = match_anchors(*given, expected)
-        far = np.linalg.norm(left - expected, axis=1) >= self._config.search_tolerance
-        return left, np.where(far, -1.0, alike)
 
     def _spaced(self, left: Points, alike: Array, found: Mask, frame: Frame) -> NDArray[np.int64]:
         """Return indices of the points (N, 2) found that are most alike, apart from each other."""
