@@ -50,7 +50,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "without anchors": {"tracking": {"klt": {"anchor_correlation": 1.0}}},
     "equal deviations": {"tracking": {"klt": {"deviations": False}}},
     "strongest features": {"tracking": {"klt": {"candidates": 1.0}}},
-    "without lag": {"tracking": {"compensation": {"lag": 0.0}}},
+    "without lag": {"tracking": {"compensation": {"lag_share": 0.0}}},
     "without memory": {
         "tracking": {"klt": {"lost_landmarks": 0}},
         "estimator": {"lost_landmarks": 0},

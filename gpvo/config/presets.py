@@ -37,7 +37,7 @@ PAPER: dict[str, Any] = {
         "resolutions": [1, 2],
         "image": "binary",
         "klt": {"anchor_correlation": 1.0, "deviations": False, "lost_landmarks": 0},
-        "compensation": {"lag": 0.0, "density": None},
+        "compensation": {"lag_share": 0.0, "density": None},
     },
     "tracklets": {
         "time_radius": 0.0,

@@ -316,7 +316,7 @@ class CompensationConfig(StageConfig):
         description="A feature's time is the mean of the events within this radius, pixels: the "
         "patch that is tracked.",
     )
-    lag: float = Field(
+    lag_share: float = Field(
         default=0.5,
         ge=0,
         description="How far contours are seen behind where they are, over the way between two "

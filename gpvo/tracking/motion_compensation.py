@@ -82,7 +82,7 @@ class MotionCompensation:
         self._waiting: Observations | None = None
         self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN
         self._learned, self._doubts = 0, deque[float](maxlen=frames)
-        self._lags = ContourLag(config.lag), ContourLag(config.lag)
+        self._lags = ContourLag(config.lag_share), ContourLag(config.lag_share)
         self._spacing, self._latest = EventSpacing(side), NO_EVENTS
         self._full_count: deque[float] = deque(maxlen=USUAL)
         self._noise, self._still = NoiseLevel(), False
@@ -181,7 +181,7 @@ class MotionCompensation:
         """Let observations wait for the next cluster until the motion tells their lag."""
         if self._waiting is not None:
             seen, self._waiting = Observations.concatenate([self._waiting, seen]), None
-        elif self._config.lag > 0 and self._flows[0] is UNKNOWN and len(seen):
+        elif self._config.lag_share > 0 and self._flows[0] is UNKNOWN and len(seen):
             seen, self._waiting = seen[:0], seen
         return seen
 
@@ -203,7 +203,7 @@ class MotionCompensation:
         earlier, later = seen[~newest], seen[newest]
         _, i, j = np.intersect1d(earlier.landmark, later.landmark, return_indices=True)
         if len(i) < LEAST_FEATURES:
-            if len(later) >= 2 * LEAST_FEATURES and self._config.lag > 0:
+            if len(later) >= 2 * LEAST_FEATURES and self._config.lag_share > 0:
                 self._doubts[-1] = UNSURE
             return
         dt, reach = latest[0].reference - before[0].reference, self._config.reach
@@ -215,7 +215,7 @@ class MotionCompensation:
         self.blurred = self._flows[0] is UNKNOWN and _median_length(left) * dt > BLURRED
         self._flows, self._learned = (left, right), self._frame_count
         duration = dt - self._pause
-        if self._config.lag > 0:
+        if self._config.lag_share > 0:
             self._spacing.follow(self._latest, left, duration)
         change, _ = (
             lag.follow(flow, dt, duration, self._spacing.value)

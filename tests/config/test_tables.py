@@ -22,6 +22,7 @@ WITHOUT_UNIT = {
     "crowding",
     "candidates",
     "first_share",
+    "lag_share",
     "density",
     "picture",
     "feature_rate",

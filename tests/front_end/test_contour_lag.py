@@ -147,7 +147,7 @@ def observed(
     """Observe LANDMARKS that move so (pixels per second) in three clusters, by WAY in each."""
     count, step = LANDMARKS, WAY / np.linalg.norm(left_motion)
     places = np.random.default_rng(3).uniform([15, 12], [65, 48], (count, 2))
-    compensation, parts = MotionCompensation(CompensationConfig(lag=lag), frames=3), []
+    compensation, parts = MotionCompensation(CompensationConfig(lag_share=lag), frames=3), []
     for number in range(3):
         t = step * (number + np.repeat([0.4, 0.5, 0.6], count))
         left, right = (
@@ -194,7 +194,7 @@ def test_observations_count_less_while_the_lag_turns() -> None:
     places = np.random.default_rng(5).uniform([25, 12], [55, 48], (count, 2))
     ways = speed * step * np.array([0, 1, 2, 3, 2, 1, 0])
     firsts, doubts = [0, 0, 0, 0, 100, 100, 100], list[float]()
-    compensation = MotionCompensation(CompensationConfig(lag=0.3), frames=3)
+    compensation = MotionCompensation(CompensationConfig(lag_share=0.3), frames=3)
     for number, (way, first) in enumerate(zip(ways, firsts, strict=True)):
         now = places + np.array([way, 0.0])
         t = step * (number + np.repeat([0.4, 0.5, 0.6], count))

@@ -237,7 +237,7 @@ def test_observations_get_times_and_places_of_their_own_events() -> None:
     """Features and events move alike, so the observations are at their true positions."""
     motion, disparity = np.array([80.0, -30.0]), np.array([6.0, 0.0])
     places = np.random.default_rng(3).uniform([15, 12], [65, 48], (12, 2))
-    compensation = MotionCompensation(CompensationConfig(time_radius=4.0, lag=0.0), frames=3)
+    compensation = MotionCompensation(CompensationConfig(time_radius=4.0, lag_share=0.0), frames=3)
     for number in range(3):
         start = 0.06 * number
 
