@@ -13,10 +13,8 @@ Points = NDArray[np.float32]
 
 LEAST_DRIFTED = 5
 """Least number of landmarks found alike away from their places that tell of a drift."""
-WIDELY = 8
+WIDELY = 16
 """Most landmarks that are searched widely in a frame: those that were lost first drifted most."""
-NO_DRIFT = 1.0
-"""Drift up to which the first matches are good, pixels."""
 REACH = np.float32(5.0)
 """Distance of the starts of a wide search, pixels: a match is found from some three away."""
 AROUND = REACH * np.array([[u, v] for u in (-1, 0, 1) for v in (-1, 0, 1) if u or v], np.float32)
@@ -47,9 +45,8 @@ def match_drifted(
     if len(together) and together.sum(axis=1).max() >= LEAST_DRIFTED:
         most = together[together.sum(axis=1).argmax()]
         drift = np.median((left - expected)[most], axis=0)[None]
-        if _length(drift)[0] > NO_DRIFT:
-            left, alike = _best(anchors, warps, image, expected, drift, left, alike)
-            together = _together(left - expected, alike >= least_correlation, tolerance)
+        left, alike = _best(anchors, warps, image, expected, drift, left, alike)
+        together = _together(left - expected, alike >= least_correlation, tolerance)
     near = _length(left - expected) < tolerance
     return left, np.where(near | (together.sum(axis=1) >= LEAST_DRIFTED), alike, -1.0)
 

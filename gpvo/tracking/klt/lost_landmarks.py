@@ -13,7 +13,6 @@ from factors.kernels.compiled import kernel
 from gpvo.array_table import ArrayTable
 from gpvo.remembered import remembered
 from gpvo.tracking.klt.anchors import Anchors
-from gpvo.tracking.klt.drifted_search import WIDELY
 from gpvo.tracking.klt.frame import Frame
 from gpvo.tracking.sights import Sights, predict
 
@@ -72,11 +71,10 @@ class LostLandmarks:
             all_lost = LastSights.concatenate([self.last[~found], all_lost])
         self.last = all_lost[remembered(all_lost.landmark, self._size)]
 
-    def in_view(self, frame: Frame, spacing: float) -> tuple[LastSights, Array] | None:
+    def in_view(self, frame: Frame) -> tuple[LastSights, Array] | None:
         """Return landmarks that the motion takes into a frame, and where, (u_left, v, disparity).
 
-        Of those nearer to the frame's own landmarks than the spacing the ones that were lost first
-        tell whether the motion has drifted; the others are left out. None if there are none.
+        None if there are none.
         """
         if self._camera is None or self.last is None:
             return None
@@ -85,9 +83,6 @@ class LostLandmarks:
         last = np.array([width, height]) - 1.0 - MARGIN
         inside = np.all((there[:, :2] >= MARGIN) & (there[:, :2] <= last), axis=1)  # not if NaN
         index = np.flatnonzero(inside)
-        near = are_near(there[index, :2], frame.left, spacing)
-        near[:WIDELY] = False
-        index = index[~near]
         return (self.last[index], there[index]) if len(index) else None
 
 

@@ -207,8 +207,7 @@ class KltTracker:
 
     def _with_found_again(self, frame: Frame) -> Frame:
         """Add landmarks that were lost, where the motion brings them back into view."""
-        config = self._config
-        searched = self._lost.in_view(frame, config.spacing)
+        searched, config = self._lost.in_view(frame), self._config
         if searched is None or self._room(frame) <= 0:
             return frame
         lost, there = searched
