@@ -146,6 +146,27 @@ def _greedy_spacing(
     return kept[:number]
 
 
+def are_near(
+    points: NDArray[np.floating], others: NDArray[np.float32], distance: float
+) -> NDArray[np.bool_]:
+    """Tell which points (N, 2) have another one (M, 2) within a distance."""
+    return np.asarray(_are_near_kernel(points.astype(np.float64), others, distance))
+
+
+@kernel
+def _are_near_kernel(
+    points: NDArray[np.float64], others: NDArray[np.float32], distance: float
+) -> NDArray[np.bool_]:
+    near = np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        for k in range(len(others)):
+            u, v = points[i, 0] - others[k, 0], points[i, 1] - others[k, 1]
+            if u * u + v * v < distance * distance:
+                near[i] = True
+                break
+    return near
+
+
 def block_maxima(
     response: NDArray[np.int16], radius: int, threshold: float, margin: int
 ) -> NDArray[np.int32]:

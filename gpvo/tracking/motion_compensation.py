@@ -83,7 +83,7 @@ class MotionCompensation:
         self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN
         self._learned, self._doubts = 0, deque[float](maxlen=frames)
         self._lags = ContourLag(config.lag_share), ContourLag(config.lag_share)
-        self._spacing, self._latest = EventSpacing(side), NO_EVENTS
+        self._spacing, self._events = EventSpacing(side), NO_EVENTS
         self._full_count: deque[float] = deque(maxlen=USUAL)
         self._noise, self._still = NoiseLevel(), False
 
@@ -96,7 +96,7 @@ class MotionCompensation:
         """Make the left and right picture of a new cluster at the middle of its interval."""
         middle = 0.5 * (cluster.start + cluster.stop)
         self._pause, self._stop = cluster.start - self._stop, cluster.stop
-        self._latest, self.blurred = cluster.left, False
+        self._events, self.blurred = cluster.left, False
         self.at_rest = self._is_still(cluster)
         if self.at_rest and self._moving:
             left, right = (image.held(middle) for image in self._moving)
@@ -216,7 +216,7 @@ class MotionCompensation:
         self._flows, self._learned = (left, right), self._frame_count
         duration = dt - self._pause
         if self._config.lag_share > 0:
-            self._spacing.follow(self._latest, left, duration)
+            self._spacing.follow(self._events, left, duration)
         change, _ = (
             lag.follow(flow, dt, duration, self._spacing.value)
             for lag, flow in zip(self._lags, self._flows, strict=True)

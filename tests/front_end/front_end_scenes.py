@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
@@ -27,6 +28,13 @@ CAMERA = StereoCamera(200.0, 200.0, 120.0, 90.0, 0.1)
 def track(tracker: KltTracker, left: Image, right: Image) -> Observations:
     """Return the landmarks that are followed into a pair of images, and those new there."""
     return Observations.concatenate([tracker.follow(left, right), tracker.extend()])
+
+
+def random_picture(seed: int, shape: tuple[int, int]) -> Image:
+    """Return a picture (height, width) of random blobs, a few pixels wide."""
+    noise = np.random.default_rng(seed).normal(0, 1, shape)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
+    return np.clip(127 + 45 * smooth / smooth.std(), 0, 255).astype(np.uint8)
 
 
 class Texture:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from front_end_scenes import track
+from front_end_scenes import random_picture, track
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -24,9 +24,7 @@ seeds = st.integers(0, 2**32)
 
 
 def texture(seed: int) -> NDArray[np.uint8]:
-    noise = np.random.default_rng(seed).normal(0, 1, SHAPE)
-    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
-    return np.clip(127 + 45 * smooth / smooth.std(), 0, 255).astype(np.uint8)
+    return random_picture(seed, SHAPE)
 
 
 def pyramid(image: NDArray[np.uint8]) -> Pyramid:

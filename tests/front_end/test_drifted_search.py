@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
+from front_end_scenes import random_picture
 from numpy.typing import NDArray
 
 from gpvo.tracking.klt.anchors import Anchors
@@ -18,10 +18,7 @@ TOLERANCE, LEAST_CORRELATION = 3.0, 0.8
 
 def find(drift: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Search landmarks that drifted so (N, 2); tell which are found, and how far off (N,)."""
-    noise = np.random.default_rng(2).normal(0, 1, SHAPE)
-    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
-    texture = np.clip(127 + 45 * smooth / smooth.std(), 0, 255).astype(np.uint8)
-    image = Pyramid.of_image(texture, SIDE, 1)
+    image = Pyramid.of_image(random_picture(2, SHAPE), SIDE, 1)
     places = np.random.default_rng(3).uniform([40, 40], [160, 120], drift.shape)
     points = places.astype(np.float32)
     sights = Sights.of_frame(points, points - np.float32([10.0, 0.0]), np.eye(4))

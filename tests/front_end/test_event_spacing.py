@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from gpvo.events import ClusterEvents
 from gpvo.recordings import Events
@@ -103,10 +102,6 @@ def test_it_is_averaged_over_clusters() -> None:
     assert found.value == pytest.approx(first + first / MEMORY)
 
 
-def without(events: Events, kept: NDArray[np.bool_]) -> ClusterEvents:
-    return cluster(events[kept])
-
-
 def test_it_stays_unknown_without_pairs_of_the_same_contour() -> None:
     """Too few pairs, none, some far apart, none that move, or outside the rectified image."""
     events, found = slopes(0.5, 50.0, 0.05), EventSpacing(1)
@@ -114,8 +109,8 @@ def test_it_stays_unknown_without_pairs_of_the_same_contour() -> None:
     none = cluster(events)
     nowhere = replace(none, table=np.full_like(none.table, np.nan))
     for seen, motion in (
-        (without(events, few & (events.t < 0.015)), flow(50.0, 0.0)),
-        (without(events, events.t < 0), flow(50.0, 0.0)),
+        (cluster(events[few & (events.t < 0.015)]), flow(50.0, 0.0)),
+        (cluster(events[events.t < 0]), flow(50.0, 0.0)),
         (cluster(slopes(1.1 * FARTHEST, 50.0, 0.5)), flow(50.0, 0.0)),
         (none, flow(0.0, 0.0)),
         (nowhere, flow(50.0, 0.0)),

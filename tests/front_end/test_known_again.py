@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
-from front_end_scenes import track
+from front_end_scenes import random_picture, track
 from numpy.typing import NDArray
 
 from factors import StereoCamera
@@ -24,9 +23,7 @@ AWAY = [65, 105, 145, 185, 225, 265, 305]
 
 
 def plane(seed: int) -> NDArray[np.uint8]:
-    noise = np.random.default_rng(seed).normal(0, 1, (HEIGHT, 600))
-    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
-    return np.clip(127 + 45 * smooth / smooth.std(), 0, 255).astype(np.uint8)
+    return random_picture(seed, (HEIGHT, 600))
 
 
 def tracked(

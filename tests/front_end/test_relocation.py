@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from front_end_scenes import track
+from front_end_scenes import random_picture, track
 from numpy.typing import NDArray
 
 from factors import StereoCamera
@@ -32,9 +32,7 @@ MOTIONS = {
 
 
 def plane(seed: int) -> NDArray[np.uint8]:
-    noise = np.random.default_rng(seed).normal(0, 1, (600, 600))
-    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
-    return np.clip(127 + 45 * smooth / smooth.std(), 0, 255).astype(np.uint8)
+    return random_picture(seed, (600, 600))
 
 
 def seen(picture: NDArray[np.uint8], T: Array) -> NDArray[np.uint8]:

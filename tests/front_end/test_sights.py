@@ -18,7 +18,7 @@ seeds = st.integers(0, 2**32)
 @given(seeds, st.sampled_from([1, 2]))
 @example(seed=392803, side=2)  # one landmark is almost reached
 @settings(deadline=None, max_examples=50)
-def test_a_warp_is_the_jacobian_of_the_new_pixel(seed: int, side: int) -> None:
+def test_a_warp_is_the_homography_of_the_surface(seed: int, side: int) -> None:
     rng, camera = np.random.default_rng(seed), camera_of_pixels(CAMERA, side)
     T = se3_exp(rng.normal(0, [0.1, 0.1, 0.5, 0.1, 0.1, 0.1], (5, 6)))
     pixels, disparity = rng.uniform([20, 20], [140, 100], (5, 2)), rng.uniform(8, 20, 5)

@@ -29,7 +29,7 @@ def match_drifted(
     tolerance: float,
     least_correlation: float,
 ) -> tuple[Points, Array]:
-    """Match anchors under their warps (N, 3, 2) with an image, around points (N, 2).
+    """Match one or more anchors under their warps (N, 3, 2) with an image, around points (N, 2).
 
     Landmarks are found within the tolerance, pixels, or farther away if that many others are as far
     away in the same direction: there the motion has drifted. Returns the points in the image (N, 2)
@@ -42,8 +42,8 @@ def match_drifted(
         given = anchors[missed], warps[missed], image, expected[missed], AROUND
         left[missed], alike[missed] = _best(*given, left[missed], alike[missed])
     together = _together(left - expected, alike >= least_correlation, tolerance)
-    if len(together) and together.sum(axis=1).max() >= LEAST_DRIFTED:
-        most = together[together.sum(axis=1).argmax()]
+    most = together[together.sum(axis=1).argmax()]
+    if most.sum() >= LEAST_DRIFTED:
         drift = np.median((left - expected)[most], axis=0)[None]
         left, alike = _best(anchors, warps, image, expected, drift, left, alike)
         together = _together(left - expected, alike >= least_correlation, tolerance)

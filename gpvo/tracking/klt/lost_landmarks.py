@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors import StereoCamera
-from factors.kernels.compiled import kernel
 from gpvo.array_table import ArrayTable
 from gpvo.remembered import remembered
 from gpvo.tracking.klt.anchors import Anchors
@@ -84,24 +83,3 @@ class LostLandmarks:
         inside = np.all((there[:, :2] >= MARGIN) & (there[:, :2] <= last), axis=1)  # not if NaN
         index = np.flatnonzero(inside)
         return (self.last[index], there[index]) if len(index) else None
-
-
-def are_near(
-    points: Array | NDArray[np.float32], others: NDArray[np.float32], distance: float
-) -> NDArray[np.bool_]:
-    """Tell which points (N, 2) have another one (M, 2) within a distance."""
-    return np.asarray(_are_near_kernel(points.astype(np.float64), others, distance))
-
-
-@kernel
-def _are_near_kernel(
-    points: Array, others: NDArray[np.float32], distance: float
-) -> NDArray[np.bool_]:
-    near = np.zeros(len(points), np.bool_)
-    for i in range(len(points)):
-        for k in range(len(others)):
-            u, v = points[i, 0] - others[k, 0], points[i, 1] - others[k, 1]
-            if u * u + v * v < distance * distance:
-                near[i] = True
-                break
-    return near

@@ -20,12 +20,12 @@ from factors import StereoCamera
 from factors.lie import se3_inverse
 from gpvo.config import TrackingConfig
 from gpvo.second_thread import both
-from gpvo.tracking.features import ANY, Crowd, extrema, smooth, strongest_spaced
+from gpvo.tracking.features import ANY, Crowd, are_near, extrema, smooth, strongest_spaced
 from gpvo.tracking.klt.anchors import Anchors
 from gpvo.tracking.klt.drifted_search import match_drifted
 from gpvo.tracking.klt.following import CHANGED, FINE, KNOWN, follow
 from gpvo.tracking.klt.frame import Frame
-from gpvo.tracking.klt.lost_landmarks import LostLandmarks, are_near
+from gpvo.tracking.klt.lost_landmarks import LostLandmarks
 from gpvo.tracking.klt.lucas_kanade import Pyramid, match_patches
 from gpvo.tracking.klt.match_precision import MatchPrecision, match_variances
 from gpvo.tracking.klt.patch_checks import are_stereo
@@ -207,8 +207,9 @@ class KltTracker:
 
     def _with_found_again(self, frame: Frame) -> Frame:
         """Add landmarks that were lost, where the motion brings them back into view."""
-        searched, config = self._lost.in_view(frame), self._config
-        if searched is None or self._room(frame) <= 0:
+        config = self._config
+        searched = self._lost.in_view(frame) if self._room(frame) > 0 else None
+        if searched is None:
             return frame
         lost, there = searched
         given = lost.anchors, self._warps(frame, lost.anchors), frame.left_image
