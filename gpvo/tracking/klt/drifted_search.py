@@ -13,7 +13,7 @@ Points = NDArray[np.float32]
 
 LEAST_DRIFTED = 5
 """Least number of landmarks found alike away from their places that tell of a drift."""
-WIDELY = 16
+WIDELY = 8
 """Most landmarks that are searched widely in a frame: those that were lost first drifted most."""
 REACH = np.float32(5.0)
 """Distance of the starts of a wide search, pixels: a match is found from some three away."""
