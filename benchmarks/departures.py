@@ -36,7 +36,6 @@ DEPARTURES: dict[str, tuple[str, ...]] = {
     "fixed noise": (
         "noise.measurement_information",
         "noise.track_drift",
-        "noise.drift_speed",
         "noise.motion_memory",
         "noise.measurement_memory",
     ),

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import checked_array
 from factors.kernels.se3 import Array
@@ -98,6 +98,31 @@ class LandmarkPrior:
     def by_state(self) -> Array:
         """A (P, 3, 12)."""
         return self.rows[:, :, -13:-1]
+
+    def points(self, T_world_cam: Array) -> Array:
+        """Return the points (P, 3) of the landmarks in the world, if the state is at a pose."""
+        views = self.views(T_world_cam)
+        local = np.column_stack([self.seen[:, :2], np.ones(len(self))]) / self.seen[:, 2:]
+        return np.asarray(np.einsum("pij,pj->pi", views[:, :3, :3], local) + views[:, :3, 3])
+
+    def moved(self, deviation: ArrayLike) -> LandmarkPrior:
+        """Return what is known of the landmarks after their coordinates have moved at random.
+
+        Each one by (P, 3) standard deviations; those that are zero have not.
+
+        Raises
+        ------
+        ValueError
+            If they have another shape or are not finite.
+        """
+        deviation = checked_array("deviation", deviation, (len(self), 3))
+        root, rows = self.root.copy(), self.rows.copy()
+        some = np.flatnonzero(deviation.any(axis=1))
+        spread = np.linalg.inv(root[some])
+        covariance = spread @ spread.transpose(0, 2, 1) + deviation[some, :, None] ** 2 * np.eye(3)
+        root[some] = np.linalg.inv(np.linalg.cholesky(covariance))
+        rows[some] = root[some] @ spread @ rows[some]
+        return replace(self, root=root, rows=rows)
 
     def views(self, T_world_cam: Array) -> Array:
         """Return the poses (P, 4, 4) of the views from a pose."""

@@ -60,6 +60,6 @@ def noise_text(noise: NoiseConfig) -> str:
         name: [float(f"{value:.3g}") for value in getattr(noise, name)]
         for name in ("acceleration_psd", "measurement_information")
     }
-    kept = {name: getattr(noise, name) for name in ("track_drift", "drift_speed", "known_again")}
+    kept = {name: getattr(noise, name) for name in ("track_drift", "disparity_drift")}
     fixed = kept | {"motion_memory": 0.0, "measurement_memory": 0.0}
     return str(yaml.safe_dump({"noise": fields | fixed}, sort_keys=False))

@@ -31,8 +31,6 @@ LENGTHS: dict[str, Powers] = {
     "noise": {
         "measurement_information": -2,
         "track_drift": 1,
-        "drift_speed": 1,
-        "known_again": 1,
     },
 }
 """Fields in tracked pixels and the powers of a pixel that they have."""
@@ -41,7 +39,6 @@ VARIANCES: Powers = {
     "acceleration_psd": 1,
     "measurement_information": -1,
     "track_drift": 0.5,
-    "known_again": 0.5,
 }
 """Fields of the noise and the powers of a variance that they have."""
 

@@ -9,8 +9,6 @@ AUTO: dict[str, Any] = {
     "noise": {
         "measurement_information": [4.0, 4.0, 7.0],
         "track_drift": 1.0,
-        "drift_speed": 34.0,
-        "known_again": 1.5,
         "motion_memory": 0.5,
         "measurement_memory": 5.0,
         "velocity_share": 0.25,
@@ -60,8 +58,6 @@ PAPER: dict[str, Any] = {
         "acceleration_psd": [1 / 500] * 3 + [1 / 50] * 3,
         "measurement_information": [0.5, 0.5, 0.1],
         "track_drift": 0.0,
-        "drift_speed": 0.0,
-        "known_again": 0.0,
         "motion_memory": 0.0,
         "measurement_memory": 0.0,
         "velocity_share": 1.0,

@@ -497,23 +497,15 @@ class NoiseConfig(StageConfig):
     track_drift: float = Field(
         default=0.25,
         ge=0,
-        description="Random walk of a tracked point on its landmark, tracked pixels per root "
-        "second: what a landmark was measured at before the window counts as much less certain. 0 "
-        "takes it for a point, as the paper does.",
+        description="Standard deviation of what a track moves on its landmark where the look of "
+        "that changes by one, tracked pixels: the image motion turns by 60 degrees (by two: is "
+        "reversed), or the landmark comes e times nearer. The variance grows with "
+        "the change. 0 takes a landmark for a point, as the paper does.",
     )
-    drift_speed: float = Field(
-        default=0.0,
+    disparity_drift: float = Field(
+        default=0.2,
         ge=0,
-        description="Image speed up to which the walk depends on the way that contours move, "
-        "tracked pixels per second: its variance is less by as much as they are slower. 0 makes "
-        "it depend on the time alone.",
-    )
-    known_again: float = Field(
-        default=0.0,
-        ge=0,
-        description="Standard deviation of what a landmark that was lost and found again is off, "
-        "tracked pixels: contours look and lag otherwise when the motion is another. 0 takes it "
-        "for the same point.",
+        description="Share of that walk that the disparity has: both pictures move alike.",
     )
     motion_memory: float = Field(
         default=0.0,

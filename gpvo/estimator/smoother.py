@@ -20,8 +20,10 @@ from gpvo.estimator.gate import predicted_covariance, within_gate
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate
 from gpvo.estimator.initialization import InitialState, velocity_ahead
+from gpvo.estimator.known_landmarks import track_drift
 from gpvo.estimator.known_place import KnownPlace, PoseInWorld
 from gpvo.estimator.lag_window import LagWindow, Leaving
+from gpvo.estimator.landmark_looks import REVERSED
 from gpvo.estimator.learned_noise import LearnedNoise
 from gpvo.estimator.own_factors import OwnFactors, Waiting
 from gpvo.estimator.segments import Segments
@@ -295,7 +297,8 @@ class FixedLagSmoother:
         if self._place is None or velocity is None:
             return None
         noise = self._build.noise
-        variance = noise.known_again**2 + 1 / np.array(noise.measurement_information)
+        moved = track_drift(noise, np.array([REVERSED]))[0]
+        variance = moved**2 + 1 / np.array(noise.measurement_information)
         return self._place.pose(self._build.camera, new, velocity, variance)
 
     def _keep_place(self, count: int) -> None:
@@ -351,7 +354,7 @@ class FixedLagSmoother:
             return new
         t, qc = window.keys.t[window.solved - 1 :], self._build.qc.tolist()
         covariance = predicted_covariance(window.covariance(), t, qc)
-        known = landmarks.factor_of(window.numbered)
+        known = landmarks.factor_before(new, window.numbered)
         new, left_out = within_gate(known, window.numbered, covariance, new, self._config.gate)
         self.diagnostics += left_out
         return new

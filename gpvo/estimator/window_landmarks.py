@@ -19,6 +19,8 @@ from factors import LandmarkPrior, StatesBetween, StructurelessStereoFactor, mar
 from factors.structureless.identities import are_in, increasing, repeated
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates, graph_of
+from gpvo.estimator.known_landmarks import KnownLandmarks, track_drift
+from gpvo.estimator.landmark_looks import Looks
 from gpvo.estimator.state_times import SAME_TIME
 from gpvo.remembered import remembered
 from gpvo.tracking.measurements import Measurements
@@ -37,15 +39,12 @@ class Marginalised:
     ----------
     factors
         Of the states that leave, and the first that stays.
-    prior
+    known
         Of the landmarks, given that one.
-    lost
-        Identities of the landmarks that are remembered though they are not measured any more.
     """
 
     factors: list[gtsam.NonlinearFactor]
-    prior: LandmarkPrior
-    lost: Index
+    known: KnownLandmarks
 
 
 class WindowLandmarks:
@@ -60,8 +59,7 @@ class WindowLandmarks:
     def __init__(self, build: GraphBuilder) -> None:
         self._build = build
         self.measurements = Measurements.concatenate([])
-        self._prior = LandmarkPrior.none()
-        self._lost = np.empty(0, np.int64)  # the one that was measured longest ago first
+        self._known = KnownLandmarks.none()
         self._factor: StructurelessStereoFactor | None = None
         self._state_count = 0
         self._place: int | None = None
@@ -78,7 +76,7 @@ class WindowLandmarks:
         """Replace the factor by one of all measurements in the window, after some `left` it."""
         if left is not None:
             update.add_factors(left.factors)
-            self._prior, self._lost = left.prior, left.lost
+            self._known = left.known
             self.measurements = self.measurements[self.measurements.t >= window.states.t[0]]
         update.removed += [] if self.index is None else [self.index]
         self._follow(update, window)
@@ -87,29 +85,37 @@ class WindowLandmarks:
         """Add all measurements in the window to a new smoother; the prior may be forgotten."""
         self.measurements = self.measurements[self.measurements.t >= window.states.t[0]]
         if forget:
-            self._prior = LandmarkPrior.none()
+            self._known = KnownLandmarks.none()
         self.index = None
         self._follow(update, window)
 
     def clear(self) -> None:
         """Forget all landmarks."""
-        self.measurements, self._prior = self.measurements[:0], LandmarkPrior.none()
-        self._lost = self._lost[:0]
+        self.measurements, self._known = self.measurements[:0], KnownLandmarks.none()
 
     def updated(self, added: Sequence[int]) -> None:
         """Note the indices that GTSAM gave to the factors that were added."""
         self.index = None if self._place is None else added[self._place]
 
-    def factor_of(self, window: NumberedStates) -> StructurelessStereoFactor | None:
+    def factor_before(
+        self, new: Measurements, window: NumberedStates
+    ) -> StructurelessStereoFactor | None:
+        """Make the factor that predicts new measurements, without them."""
+        known = self._known.seen_again(new.landmark, window.states, self._build)
+        return self._factor_of(window, known.prior)
+
+    def _factor_of(
+        self, window: NumberedStates, prior: LandmarkPrior
+    ) -> StructurelessStereoFactor | None:
         """Make the factor of all measurements and the prior; None if they measure no motion."""
         if len(window.states) < 2:
             return None
         landmark = self.measurements.landmark
-        known = increasing(repeated(landmark), self._prior.number)
+        known = increasing(repeated(landmark), prior.number)
         used = self.measurements[are_in(known, landmark)]
-        if len(used) + len(self._prior) == 0:
+        if len(used) + len(prior) == 0:
             return None
-        return self._build.structureless(window.numbers, window.states.t, used, self._prior)
+        return self._build.structureless(window.numbers, window.states.t, used, prior)
 
     @property
     def factor(self) -> StructurelessStereoFactor | None:
@@ -119,7 +125,8 @@ class WindowLandmarks:
     @property
     def interval(self) -> float | None:
         """Mean time between consecutive measurements of a landmark, seconds; None if unknown."""
-        intervals, _ = self._between_measurements()
+        seen = self.measurements[np.lexsort((self.measurements.t, self.measurements.landmark))]
+        intervals = np.diff(seen.t)[seen.landmark[1:] == seen.landmark[:-1]]
         return float(intervals.mean()) if len(intervals) else None
 
     def points(self, window: NumberedStates) -> tuple[NDArray[np.int64], Array]:
@@ -153,49 +160,47 @@ class WindowLandmarks:
         """
         start = window.states.t[leaving]
         reaches = self._factor is not None and leaving < self._state_count
-        factor = self._factor if reaches and is_known else self.factor_of(window)
+        known = self._known
+        factor = self._factor if reaches and is_known else self._factor_of(window, known.prior)
         if factor is None:
-            return Marginalised([], self._prior, self._lost)
+            return Marginalised([], known)
         number = factor.landmark_numbers
         tracked = self.measurements.landmark[self.measurements.t >= start]
-        away, known_lost = ~are_in(increasing(tracked), number), are_in(np.sort(self._lost), number)
-        lost_now = away & ~known_lost
-        drift = self._drift(known_lost, lost_now, start - window.states.t[0])
-        lost = self._remembered(number[lost_now], number[away])
+        away, known_lost = ~are_in(increasing(tracked), number), are_in(np.sort(known.lost), number)
+        lost = self._remembered(number[away & ~known_lost], number[away])
         kept = number[~away | are_in(np.sort(lost), number)]
+        looks = self._looks(factor, window, leaving, ~known_lost)
+        drift = track_drift(self._build.noise, known.looks.change_to(looks))
         left = marginalize(factor, window.values(), leaving, graph_of(others), kept, drift)
-        return Marginalised([left.factor], left.prior, lost)
+        looks = looks[are_in(left.prior.number, number)]
+        return Marginalised([left.factor], KnownLandmarks(left.prior, lost, looks))
 
-    def _drift(self, lost: Mask, lost_now: Mask, duration: float) -> Array:
-        """(L, 3) standard deviations of what landmarks (L,) have moved in some seconds, pixels.
-
-        A track walks at random on its landmark. One that is lost now may be found again elsewhere
-        on it, and stays what it is meanwhile.
-        """
-        walk = self._build.noise.track_drift * np.sqrt(duration * self._walking())
-        jump = lost_now * self._build.noise.known_again
-        return np.repeat(np.hypot(walk * ~lost, jump)[:, None], 3, axis=1)
-
-    def _walking(self) -> float:
-        """Return the share of their usual variance with which tracks walk: contours may be slow."""
-        duration, way = self._between_measurements()
-        usual = self._build.noise.drift_speed * duration.sum()
-        return min(float(way.sum() / usual), 1.0) if usual > 0 else 1.0
-
-    def _between_measurements(self) -> tuple[Array, Array]:
-        """Return seconds (n,) and pixels (n,) between consecutive measurements of landmarks."""
-        seen = self.measurements[np.lexsort((self.measurements.t, self.measurements.landmark))]
-        same = seen.landmark[1:] == seen.landmark[:-1]
-        way = np.linalg.norm(np.diff(seen.stereo[:, :2], axis=0), axis=1)
-        return np.diff(seen.t)[same], way[same]
+    def _looks(
+        self,
+        factor: StructurelessStereoFactor,
+        window: NumberedStates,
+        leaving: int,
+        tracked: Mask,
+    ) -> Looks:
+        """Return how landmarks look from the first state that stays, if tracked, or did before."""
+        between, number = factor.window.between, factor.landmark_numbers
+        fit = factor.window.moved_fit(*between.read(window.values()), leaving + 1)
+        T_world_cam, twist = window.states.T_world_cam[leaving], window.states.twist[leaving]
+        duration = window.states.t[leaving] - window.states.t[0]
+        motion = fit.points()[tracked], T_world_cam, twist, duration
+        now = self._known.looks.turned_to(Looks.seen(number[tracked], *motion))
+        return self._known.looks.updated(now)
 
     def _remembered(self, lost: Index, away: Index) -> Index:
         """Return the landmarks that are lost now, and of the others those still away."""
-        lost = np.concatenate([self._lost[are_in(away, self._lost)], lost])
+        lost = np.concatenate([self._known.lost[are_in(away, self._known.lost)], lost])
         return lost[remembered(lost, self._build.config.lost_landmarks)]
 
     def _follow(self, update: GraphUpdate, window: NumberedStates) -> None:
-        self._factor, self._state_count = self.factor_of(window), len(window.states)
+        landmark, states = self.measurements.landmark, window.states
+        self._known = self._known.seen_again(landmark, states, self._build)
+        self._factor = self._factor_of(window, self._known.prior)
+        self._state_count = len(states)
         self._place = None if self._factor is None else len(update.factors)
         update.add_factors([] if self._factor is None else [self._factor])
 

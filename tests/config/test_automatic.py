@@ -93,8 +93,6 @@ def test_lengths_of_the_sensor_are_twice_those_at_half_its_resolution() -> None:
         "mc_ransac.pixel_threshold": 2,
         "noise.measurement_information": 1 / 4,
         "noise.track_drift": 2,
-        "noise.drift_speed": 2,
-        "noise.known_again": 2,
     }
     for finest_is_full in (Configuration(), tracked_at(1), tracked_at(1, 2)):
         assert in_full_pixels(finest_is_full) == finest_is_full
@@ -103,16 +101,14 @@ def test_lengths_of_the_sensor_are_twice_those_at_half_its_resolution() -> None:
 @given(
     st.tuples(positive, positive, positive),
     positive,
-    positive,
     st.sampled_from([(1,), (2,), (2, 1)]),
 )
 def test_noise_in_pixels_of_the_sensor_and_back(
     information: tuple[float, float, float],
     drift: float,
-    again: float,
     resolutions: tuple[int, ...],
 ) -> None:
-    noise = NoiseConfig(measurement_information=information, track_drift=drift, known_again=again)
+    noise = NoiseConfig(measurement_information=information, track_drift=drift)
     configuration = tracked_at(*resolutions).model_copy(update={"noise": noise})
     assert in_tracked_pixels(in_full_pixels(configuration).noise, configuration) == noise
 

@@ -24,6 +24,7 @@ WITHOUT_UNIT = {
     "first_share",
     "lag_share",
     "density",
+    "disparity_drift",
     "picture",
     "feature_rate",
     "velocity_share",

@@ -263,6 +263,8 @@ def test_landmarks_behind_the_camera_are_known_in_another_view() -> None:
         assert (local[:, 2] > 0.5 * np.linalg.norm(local, axis=1)).all()
         expected = np.column_stack([local[:, :2], np.ones(len(local))]) / local[:, 2:]
         np.testing.assert_allclose(prior.seen, expected, atol=1e-6)
+        found = prior.points(values.atPose3(X(count)).matrix())
+        np.testing.assert_allclose(found, [points[number] for number in prior.number], atol=1e-5)
         assert (prior.R_cam_view != np.eye(3)).any() == behind
 
 
@@ -331,3 +333,19 @@ def test_states_that_nothing_holds_are_refused() -> None:
 def test_drift_is_of_three_coordinates(drift: Any) -> None:
     with pytest.raises(ValueError, match="drift"):
         marginal(WINDOW, WINDOW.truth, QC, 1, drift=drift)
+
+
+def test_what_is_known_of_landmarks_that_have_moved() -> None:
+    """It is as if they had drifted by as much before; those that have not are known as before."""
+    d = np.array([0.3, 0.3, 0.6])
+    still, drifted = (marginal(WINDOW, WINDOW.truth, QC, 2, drift=x).prior for x in (0.0 * d, d))
+    pixels = d / [CAMERA.fx, CAMERA.fy, CAMERA.fx * CAMERA.baseline]
+    some = np.arange(len(still)) % 2 == 0
+    moved = still.moved(np.where(some[:, None], pixels, 0.0))
+    np.testing.assert_array_equal(moved.root[~some], still.root[~some])
+    np.testing.assert_array_equal(moved.rows[~some], still.rows[~some])
+    whole = still.moved(np.tile(pixels, (len(still), 1)))
+    expected = given_state(drifted)
+    np.testing.assert_allclose(given_state(whole), expected, atol=1e-6 * np.abs(expected).max())
+    means = [np.linalg.solve(prior.root, prior.rows) for prior in (whole, still)]
+    np.testing.assert_allclose(*means, rtol=1e-9, atol=1e-12)
