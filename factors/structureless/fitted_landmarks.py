@@ -13,7 +13,7 @@ from factors.kernels.se3 import Array
 from factors.stereo import StereoCamera
 from factors.structureless.identities import increasing
 from factors.structureless.landmark_kernels import landmarks_kernel, nearest_kernel
-from factors.structureless.landmark_prior import LandmarkPrior
+from factors.structureless.landmark_prior import LandmarkPrior, points_of
 from factors.structureless.robust_losses import Loss
 
 _MAX_STEPS = 50
@@ -45,9 +45,7 @@ class Fit(NamedTuple):
 
     def points(self) -> Array:
         """(L, 3) points in the world."""
-        x, y, inverse_depth = self.coordinates.T
-        local = np.column_stack([x, y, np.ones(len(x))]) / inverse_depth[:, None]
-        return np.einsum("kij,kj->ki", self.charts[:, :3, :3], local) + self.charts[:, :3, 3]
+        return points_of(self.coordinates, self.charts)
 
 
 class FittedLandmarks:

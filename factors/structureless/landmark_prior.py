@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from factors.checks import checked_array
 from factors.kernels.se3 import Array
+from factors.stereo import Camera, as_camera
 from factors.structureless.prior_kernels import moved_rows_kernel
 
 
@@ -101,21 +102,19 @@ class LandmarkPrior:
 
     def points(self, T_world_cam: Array) -> Array:
         """Return the points (P, 3) of the landmarks in the world, if the state is at a pose."""
-        views = self.views(T_world_cam)
-        local = np.column_stack([self.seen[:, :2], np.ones(len(self))]) / self.seen[:, 2:]
-        return np.asarray(np.einsum("pij,pj->pi", views[:, :3, :3], local) + views[:, :3, 3])
+        return points_of(self.seen, self.views(T_world_cam))
 
-    def moved(self, deviation: ArrayLike) -> LandmarkPrior:
-        """Return what is known of the landmarks after their coordinates have moved at random.
+    def moved(self, drift: ArrayLike, camera: Camera) -> LandmarkPrior:
+        """Return what is known of the landmarks after their tracks have moved on these.
 
-        Each one by (P, 3) standard deviations; those that are zero have not.
+        By standard deviations as in `marginalize`, pixels; those that are zero have not.
 
         Raises
         ------
         ValueError
             If they have another shape or are not finite.
         """
-        deviation = checked_array("deviation", deviation, (len(self), 3))
+        deviation = drift_of_coordinates(drift, len(self), as_camera(camera).parameters)
         root, rows = self.root.copy(), self.rows.copy()
         some = np.flatnonzero(deviation.any(axis=1))
         spread = np.linalg.inv(root[some])
@@ -133,6 +132,27 @@ class LandmarkPrior:
         rows = self.rows.copy()
         moved_rows_kernel(self.T_world_cam, self.velocity, T_world_cam, velocity, self.rows, rows)
         return rows
+
+
+def points_of(coordinates: Array, views: Array) -> Array:
+    """Return the points (P, 3) of coordinates (P, 3), (x / z, y / z, 1 / z), in views (P, 4, 4)."""
+    x, y, inverse_depth = coordinates.T
+    local = np.column_stack([x, y, np.ones(len(x))]) / inverse_depth[:, None]
+    return np.asarray(np.einsum("kij,kj->ki", views[:, :3, :3], local) + views[:, :3, 3])
+
+
+def drift_of_coordinates(drift: ArrayLike, count: int, camera: Array) -> Array:
+    """Return standard deviations (count, 3) of coordinates (x / z, y / z, 1 / z).
+
+    The drift is in pixels, (3,) for all landmarks or (count, 3).
+    """
+    fx, fy, _, _, baseline = camera
+    moved = checked_array("drift", drift, (3,)) / [fx, fy, fx * baseline]
+    if moved.shape not in ((3,), (count, 3)):
+        raise ValueError(
+            f"drift must have three columns, for each landmark a row, not {moved.shape}"
+        )
+    return np.tile(moved, (count, 1)) if moved.ndim == 1 else moved
 
 
 def views_of(T_world_cam: Array, R_cam_view: Array) -> Array:

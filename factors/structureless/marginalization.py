@@ -17,14 +17,13 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.lie import se3_exp
 from factors.linear_states import LinearStatesFactor
-from factors.structureless.fitted_landmarks import Fit, FittedLandmarks
+from factors.structureless.fitted_landmarks import Fit
 from factors.structureless.identities import are_in, increasing
 from factors.structureless.joint_system import Eliminated, JointSystem, root_kernel
-from factors.structureless.landmark_prior import LandmarkPrior, views_of
+from factors.structureless.landmark_prior import LandmarkPrior, drift_of_coordinates, views_of
 from factors.structureless.multi_landmark import StructurelessStereoFactor
 from factors.structureless.prior_kernels import known_from_kernel
 
@@ -112,7 +111,7 @@ def marginalize(
     state = T_states[count], v_states[count]
     number = window.landmarks.number
     keep = are_in(increasing(np.asarray(landmarks)), number) & system.known
-    moved = _moved(drift, window.landmarks)
+    moved = drift_of_coordinates(drift, len(number), window.landmarks.camera)
     turns = _turns_to(fit.points()[keep], T_states[count])
     prior = _prior(number[keep], turns, fit, system, given, keep, state, moved, shared)
     return Marginal(factor, prior)
@@ -126,17 +125,6 @@ def _turns_to(points: Array, T_world_cam: Array) -> Array:
     local = (points - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]
     ahead = local[:, 2] > AHEAD * np.linalg.norm(local, axis=1)
     return VIEWS[np.where(ahead, 0, np.argmax(local @ VIEWS[:, :, 2].T, axis=1))]
-
-
-def _moved(drift: ArrayLike, landmarks: FittedLandmarks) -> Array:
-    """Standard deviations (L, 3) of coordinates (x / z, y / z, 1 / z) from those in pixels."""
-    fx, fy, _, _, baseline = landmarks.camera
-    moved = checked_array("drift", drift, (3,)) / [fx, fy, fx * baseline]
-    if moved.shape not in ((3,), (len(landmarks.number), 3)):
-        raise ValueError(
-            f"drift must have three columns, for each landmark a row, not {moved.shape}"
-        )
-    return np.tile(moved, (len(landmarks.number), 1)) if moved.ndim == 1 else moved
 
 
 def information_of(

@@ -499,13 +499,13 @@ class NoiseConfig(StageConfig):
         ge=0,
         description="Standard deviation of what a track moves on its landmark where the look of "
         "that changes by one, tracked pixels: the image motion turns by 60 degrees (by two: is "
-        "reversed), or the landmark comes e times nearer. The variance grows with "
-        "the change. 0 takes a landmark for a point, as the paper does.",
+        "reversed), or the landmark comes e times nearer. The variance grows with the change. 0 "
+        "takes a landmark for a point, as the paper does.",
     )
     disparity_drift: float = Field(
         default=0.2,
         ge=0,
-        description="Share of that walk that the disparity has: both pictures move alike.",
+        description="Share of `track_drift` that the disparity has: both pictures move alike.",
     )
     motion_memory: float = Field(
         default=0.0,

@@ -53,10 +53,10 @@ class KnownLandmarks:
         again = are_in(np.sort(self.lost[found]), self.prior.number)
         number, points = self.prior.number[again], self.prior.points(states.T_world_cam[0])[again]
         now = Looks.seen(number, points, states.T_world_cam[-1], states.twist[-1])
-        camera, drift = build.camera, np.zeros((len(self.prior), 3))
+        drift = np.zeros((len(self.prior), 3))
         drift[again] = track_drift(build.noise, self.looks.change_to(now))
-        drift /= [camera.fx, camera.fy, camera.fx * camera.baseline]
-        return KnownLandmarks(self.prior.moved(drift), self.lost[~found], self.looks.updated(now))
+        prior = self.prior.moved(drift, build.camera)
+        return KnownLandmarks(prior, self.lost[~found], self.looks.updated(now))
 
 
 def track_drift(noise: NoiseConfig, change: Array) -> Array:

@@ -339,12 +339,11 @@ def test_what_is_known_of_landmarks_that_have_moved() -> None:
     """It is as if they had drifted by as much before; those that have not are known as before."""
     d = np.array([0.3, 0.3, 0.6])
     still, drifted = (marginal(WINDOW, WINDOW.truth, QC, 2, drift=x).prior for x in (0.0 * d, d))
-    pixels = d / [CAMERA.fx, CAMERA.fy, CAMERA.fx * CAMERA.baseline]
     some = np.arange(len(still)) % 2 == 0
-    moved = still.moved(np.where(some[:, None], pixels, 0.0))
+    moved = still.moved(np.where(some[:, None], d, 0.0), CAMERA)
     np.testing.assert_array_equal(moved.root[~some], still.root[~some])
     np.testing.assert_array_equal(moved.rows[~some], still.rows[~some])
-    whole = still.moved(np.tile(pixels, (len(still), 1)))
+    whole = still.moved(d, CAMERA)
     expected = given_state(drifted)
     np.testing.assert_allclose(given_state(whole), expected, atol=1e-6 * np.abs(expected).max())
     means = [np.linalg.solve(prior.root, prior.rows) for prior in (whole, still)]
