@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from benchmarks.dataset import exit_with
@@ -44,6 +45,8 @@ from gpvo.mapping.recorder import MeasurementRecorder
 from gpvo.odometry import Odometry
 from gpvo.simulation import SimulatedRecording
 from gpvo.tracking import Measurements
+
+Mask = NDArray[np.bool_]
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "default": {},
@@ -90,7 +93,7 @@ def run_variant(case: str, seed: int, variant: str, recording: SimulatedRecordin
         *drift(evaluation, "seconds"),
         time_in_view(seen.measurements),
         last_nees(trajectory, recording.ground_truth) / 6.0,
-        last_round(evaluation) if case == "loop" else np.nan,
+        *(last_round(evaluation) if case == "loop" else (np.nan, np.nan)),
     )
 
 
@@ -118,8 +121,8 @@ def time_in_view(measurements: Measurements) -> float:
     return float(np.median(t[np.append(starts[1:], len(t)) - 1] - t[starts]))
 
 
-def last_round(evaluation: Evaluation) -> float:
-    """Compute the ATE of the last round over the first one's, both aligned by the first.
+def last_round(evaluation: Evaluation) -> tuple[float, float]:
+    """Compute the ATE of the last round over the first one's, aligned as a whole, and by the first.
 
     NaN without most of a last round.
     """
@@ -127,13 +130,17 @@ def last_round(evaluation: Evaluation) -> float:
     number = truth.seconds // ROUND
     first, last = number == 0, number == ROUNDS - 1
     if last.sum() < 0.9 * first.sum():
-        return np.nan
-    alignment = find_alignment(estimate[first], truth[first])
-    errors = (
-        absolute_trajectory_error(estimate[part], truth[part], alignment).translation.rmse
-        for part in (last, first)
-    )
-    return next(errors) / next(errors)
+        return np.nan, np.nan
+
+    def ratio(aligned: Mask) -> float:
+        alignment = find_alignment(estimate[aligned], truth[aligned])
+        errors = (
+            absolute_trajectory_error(estimate[part], truth[part], alignment).translation.rmse
+            for part in (last, first)
+        )
+        return next(errors) / next(errors)
+
+    return ratio(np.ones_like(first)), ratio(first)
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -29,8 +29,8 @@ class DriftResult:
         Median time from a landmark's first measurement to its last one, seconds.
     nees
         NEES of the last pose per degree of freedom; 1 on average if consistent.
-    last_round
-        ATE of a loop's last round over the first one's, both aligned by the first.
+    last_round, last_round_by_first
+        ATE of a loop's last round over the first one's, aligned as a whole, and by the first.
     failure
         Reason why there is no trajectory; empty if there is one.
     """
@@ -48,6 +48,7 @@ class DriftResult:
     in_view: float = np.nan
     nees: float = np.nan
     last_round: float = np.nan
+    last_round_by_first: float = np.nan
     failure: str = ""
 
     def line(self) -> str:
@@ -69,6 +70,7 @@ METRICS = (
     Metric("in_view", "in view [s]", 1.0, 2),
     Metric("nees", "NEES / 6", 1.0, 1),
     Metric("last_round", "last round", 1.0, 2),
+    Metric("last_round_by_first", "by the first", 1.0, 2),
 )
 
 

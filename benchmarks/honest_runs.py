@@ -26,7 +26,7 @@ from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
 from gpvo.evaluation.report.table import Cell, ResultTable, to_rich
 from gpvo.odometry import Odometry
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
-from gpvo.simulation.motion import Motion
+from gpvo.simulation.motion import Motion, MotionName
 from gpvo.trajectory import StampedPoses, States
 
 Array = NDArray[np.float64]
@@ -44,6 +44,12 @@ MOTIONS = {
 
 SLOWED = 3.0
 """How many times longer slow motion takes than the same way hand-held."""
+
+PHASES = 1.2
+"""Seconds of a motion in which runs begin: the longest time from one of its waypoints to the next.
+
+Motions turn at the same times for all seeds. NEES at an end depends on how long ago that was.
+"""
 
 SHARES = (0.5, 0.75, 1.0)
 """Where in a run it is measured, shares of its duration."""
@@ -89,14 +95,18 @@ def run(motion: str, seed: int, duration: float, configuration: Configuration) -
 def recorded(motion: str, seed: int, duration: float) -> SimulatedRecording:
     """Simulate the recording of one seed."""
     config = MOTIONS[motion].model_copy(update={"seed": seed, "duration": duration})
-    return simulate(config, slow_motion(seed, duration) if motion == "slow" else None)
+    slowed = SLOWED if motion == "slow" else 1.0
+    return simulate(config, random_motion(config.motion, seed, duration, slowed))
 
 
-def slow_motion(seed: int, duration: float) -> Motion:
-    """Return a random motion of a hand that takes SLOWED times longer."""
-    way = Motion.random("hand_held", duration / SLOWED, np.random.default_rng(seed))
-    t = np.arange(0.0, duration / SLOWED + 0.5, 0.1)
-    return Motion.through(StampedPoses(np.rint(1e9 * SLOWED * t).astype(np.int64), way.pose(t)))
+def random_motion(name: MotionName, seed: int, duration: float, slowed: float = 1.0) -> Motion:
+    """Return a random motion that takes `slowed` times longer, and begins anywhere on its way."""
+    rng = np.random.default_rng(seed)
+    way = Motion.random(name, duration / slowed + PHASES, rng).later(rng.uniform(0.0, PHASES))
+    if slowed == 1.0:
+        return way
+    t = np.arange(0.0, duration / slowed + 0.5, 0.1)
+    return Motion.through(StampedPoses(np.rint(1e9 * slowed * t).astype(np.int64), way.pose(t)))
 
 
 def summary(runs: Sequence[HonestRun]) -> ResultTable:

@@ -97,9 +97,20 @@ def test_the_last_round_is_compared_with_the_first() -> None:
     off[2 * rounds :] *= 3.0
     truth = poses(circle, step)
     evaluation = evaluate(poses(circle + off, step), truth, step=step)
-    assert last_round(evaluation) == pytest.approx(3.0, rel=1e-3)
+    assert last_round(evaluation) == pytest.approx((3.0, 3.0), rel=1e-3)
     shorter = evaluate(poses(circle + off, step)[: 2 * rounds], truth, step=step)
-    assert np.isnan(last_round(shorter))
+    assert np.isnan(last_round(shorter)).all()
+
+
+def test_a_last_round_that_lies_elsewhere_is_farther_off_by_the_first() -> None:
+    angle = 2.0 * np.pi * np.arange(600) / 200
+    circle = np.stack([np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=1)
+    moved = circle + np.outer(np.arange(600) // 200, [0.0, 0.0, 0.01])
+    moved[:, 2] += 0.01 * (-1.0) ** np.arange(600)
+    truth = poses(circle, ROUND / 200)
+    whole, by_first = last_round(evaluate(poses(moved, ROUND / 200), truth, step=ROUND / 200))
+    assert whole == pytest.approx(1.0, rel=1e-2)
+    assert by_first == pytest.approx(np.sqrt(5.0), rel=1e-2)  # 2 cm away beside 1 cm of noise
 
 
 def test_a_landmark_is_in_view_from_its_first_to_its_last_measurement() -> None:

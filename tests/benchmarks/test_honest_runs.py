@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks.honest_runs import SHARES, SLOWED, HonestRun, main, slow_motion, summary
+from benchmarks.honest_runs import PHASES, SHARES, SLOWED, HonestRun, main, random_motion, summary
 from gpvo.evaluation.metrics.nees import mean_nees_interval
-from gpvo.simulation.motion import Motion
 
 
 def test_a_run_leaves_its_numbers(tmp_path: Path) -> None:
@@ -27,11 +26,20 @@ def test_a_run_leaves_its_numbers(tmp_path: Path) -> None:
 
 
 def test_slow_motion_is_the_same_way_in_more_time() -> None:
-    slow, way = slow_motion(5, 3.0), Motion.random("hand_held", 1.0, np.random.default_rng(5))
+    slow, way = random_motion("hand_held", 5, 3.0, SLOWED), random_motion("hand_held", 5, 1.0)
     t = np.linspace(0.0, 3.0, 20)
     np.testing.assert_allclose(slow.pose(t), way.pose(t / SLOWED), atol=2e-3)
     speed, usual = (np.linalg.norm(one, axis=1) for one in (slow.twist(t), way.twist(t / SLOWED)))
     np.testing.assert_allclose(SLOWED * speed, usual, rtol=0.1, atol=0.05)
+
+
+def test_runs_begin_anywhere_between_waypoints() -> None:
+    begins = np.array([random_motion("fast", seed, 1.0).offset for seed in range(50)])
+    assert begins.min() >= 0.0 and begins.max() <= PHASES
+    counts, _ = np.histogram(begins, 4, (0.0, PHASES))
+    assert counts.min() >= 5
+    again = random_motion("fast", 7, 1.0)
+    np.testing.assert_array_equal(again.pose(0.3), random_motion("fast", 7, 1.0).pose(0.3))
 
 
 def test_consistent_runs_are_inside_the_interval_and_others_are_not() -> None:
