@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from benchmarks.dataset import exit_with
@@ -28,7 +27,7 @@ from gpvo.commands.workers import in_order
 from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation import Evaluation, evaluate
-from gpvo.evaluation.metrics.alignment import find_alignment
+from gpvo.evaluation.metrics.alignment import Alignment, find_alignment
 from gpvo.evaluation.metrics.ate_rpe import (
     DeltaUnit,
     absolute_trajectory_error,
@@ -45,8 +44,6 @@ from gpvo.mapping.recorder import MeasurementRecorder
 from gpvo.odometry import Odometry
 from gpvo.simulation import SimulatedRecording
 from gpvo.tracking import Measurements
-
-Mask = NDArray[np.bool_]
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "default": {},
@@ -132,15 +129,15 @@ def last_round(evaluation: Evaluation) -> tuple[float, float]:
     if last.sum() < 0.9 * first.sum():
         return np.nan, np.nan
 
-    def ratio(aligned: Mask) -> float:
-        alignment = find_alignment(estimate[aligned], truth[aligned])
+    def ratio(alignment: Alignment) -> float:
         errors = (
             absolute_trajectory_error(estimate[part], truth[part], alignment).translation.rmse
             for part in (last, first)
         )
         return next(errors) / next(errors)
 
-    return ratio(np.ones_like(first)), ratio(first)
+    by_first = find_alignment(estimate[first], truth[first])
+    return ratio(find_alignment(estimate, truth)), ratio(by_first)
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from rich.console import Console
 
 from benchmarks.drift import VARIANTS, drift, last_round, main, time_in_view
@@ -89,10 +90,15 @@ def test_a_trajectory_that_is_one_percent_long_drifts_one_percent() -> None:
     assert drift(evaluation, "seconds") == pytest.approx((0.005, 0.0), abs=1e-6)
 
 
+def rounds_of_a_circle(count: int) -> NDArray[np.float64]:
+    """Positions of all rounds, `count` in each, and where the last one ends."""
+    angle = 2.0 * np.pi * np.arange(ROUNDS * count + 1) / count
+    return np.stack([np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=1)
+
+
 def test_the_last_round_is_compared_with_the_first() -> None:
     rounds, step = 200, ROUND / 200
-    angle = 2.0 * np.pi * np.arange(ROUNDS * rounds + 1) / rounds
-    circle = np.stack([np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=1)
+    circle = rounds_of_a_circle(rounds)
     off = np.outer(0.01 * (-1.0) ** np.arange(len(circle)), [0.0, 0.0, 1.0])
     off[2 * rounds :] *= 3.0
     truth = poses(circle, step)
@@ -103,12 +109,13 @@ def test_the_last_round_is_compared_with_the_first() -> None:
 
 
 def test_a_last_round_that_lies_elsewhere_is_farther_off_by_the_first() -> None:
-    angle = 2.0 * np.pi * np.arange(600) / 200
-    circle = np.stack([np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=1)
-    moved = circle + np.outer(np.arange(600) // 200, [0.0, 0.0, 0.01])
-    moved[:, 2] += 0.01 * (-1.0) ** np.arange(600)
-    truth = poses(circle, ROUND / 200)
-    whole, by_first = last_round(evaluate(poses(moved, ROUND / 200), truth, step=ROUND / 200))
+    rounds, step = 200, ROUND / 200
+    circle = rounds_of_a_circle(rounds)
+    number = np.arange(len(circle))
+    moved = circle.copy()
+    moved[:, 2] += 0.01 * (number // rounds) + 0.01 * (-1.0) ** number
+    evaluation = evaluate(poses(moved, step), poses(circle, step), step=step)
+    whole, by_first = last_round(evaluation)
     assert whole == pytest.approx(1.0, rel=1e-2)
     assert by_first == pytest.approx(np.sqrt(5.0), rel=1e-2)  # 2 cm away beside 1 cm of noise
 
