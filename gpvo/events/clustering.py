@@ -230,7 +230,7 @@ class Clustering:
         yield from self.end()
 
     def end(self) -> Iterator[StereoCluster]:
-        """Yield the last cluster, unless the stream fills less than half of it.
+        """Yield the last cluster, unless the stream fills less than half of it or hardly shows it.
 
         It begins earlier, in the time after the cluster before, if it would be short else.
         """
@@ -241,8 +241,9 @@ class Clustering:
             return
         counts = [side.count(self._start) for side in self._sides]
         full = (self._end - self._start) / duration, *(count / limit for count in counts)
+        thin = not self._at_rest() and self._length.is_thin(max(counts), self._end - self._start)
         cluster = self._take(self._end)
-        if max(full) >= 0.5:
+        if max(full) >= 0.5 and not thin:
             yield cluster
             self._flash = 0.0
 
