@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from gpvo.config import ClusteringConfig
 from gpvo.events.cluster_length import (
     APART,
+    FAINT,
     FIRST,
     LEAST,
     REMEMBERED,
@@ -81,6 +82,16 @@ def test_slow_motion_with_few_events_has_time_for_enough(motion: ImageMotion | N
     assert known.limits(fast)[0] == pytest.approx(0.05)  # not in fast motion
     known.add(pixels, pixels, SHORT)
     assert known.limits(motion)[0] == SHORT
+
+
+def test_fast_motion_has_time_for_the_events_that_show_it() -> None:
+    """However sharply it changes, but no longer than in motion that does not."""
+    known, pixels, fast = length((240, 180)), 240 * 180, ImageMotion(1e3, 1e9, density=0.0)
+    durations = []
+    for share in (2.0, 0.5, 0.1):  # of what is enough in 15 ms
+        known.add(pixels, share * FAINT * pixels, 0.015)
+        durations.append(known.limits(fast)[0])
+    assert durations == pytest.approx([0.01, 0.03, 0.05])
 
 
 @given(st.floats(0.05, 0.95), st.floats(0, 2))
