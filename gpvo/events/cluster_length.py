@@ -98,15 +98,12 @@ class ClusterLength:
             return self._of_unknown_motion(0.0 if at_rest else self._time_of(LEAST))
         return self._duration(image_motion), round(max(SURGE * self._usual, LEAST * self._pixels))
 
-    def is_thin(self, events: int, duration: float) -> bool:
-        """Whether so many events within `duration` seconds show hardly any contours.
+    def is_thin(self, contours: float) -> bool:
+        """Whether so many events of contours are hardly any.
 
         Not if the number of events ends clusters: it says nothing of the motion then.
         """
-        if self._config.max_events is not None:
-            return False
-        contours = max(events - self._noise_rate * duration, 0.0)
-        return contours < THIN * self._usual
+        return self._config.max_events is None and contours < THIN * self._usual
 
     @property
     def _usual(self) -> float:

@@ -132,6 +132,11 @@ class StereoCluster:
     between: int = 0
 
     @property
+    def contour_count(self) -> float:
+        """Estimated number of events of contours that moved, of the camera with more."""
+        return max(self.left.contour_count, self.right.contour_count)
+
+    @property
     def noise_share(self) -> float:
         """Expected share of the events that are background activity, from 0 to 1."""
         noise = self.left.noise_count + self.right.noise_count
@@ -241,8 +246,8 @@ class Clustering:
             return
         counts = [side.count(self._start) for side in self._sides]
         full = (self._end - self._start) / duration, *(count / limit for count in counts)
-        thin = not self._at_rest() and self._length.is_thin(max(counts), self._end - self._start)
         cluster = self._take(self._end)
+        thin = not self._at_rest() and self._length.is_thin(cluster.contour_count)
         if max(full) >= 0.5 and not thin:
             yield cluster
             self._flash = 0.0
@@ -282,7 +287,7 @@ class Clustering:
             self._flash += duration
             return
         events = max(left.event_count, right.event_count)
-        self._length.add(events, max(left.contour_count, right.contour_count), duration)
+        self._length.add(events, cluster.contour_count, duration)
         yield cluster
         self._flash = 0.0
 
