@@ -24,3 +24,11 @@ inner_kernel = njit(**_INNER, forceinline=True)
 # One that makes no array, and calls none that does, need not count who holds the arrays it is
 # given; that takes longer than what most of these compute.
 bare_kernel = njit(**_INNER, forceinline=True, _nrt=False)
+
+_FAST = {"reassoc", "contract", "nsz"}
+"""Sums may be made in any order."""
+# Each caller has its own copy of what it calls, and a process takes the copy that it loads first.
+# Copies are optimised where they are, so that their sums have other last bits. A kernel that is
+# inlined has one order in each caller, in every process. So must be what lies between.
+fast_kernel = njit(**KERNEL, forceinline=True, fastmath=_FAST)
+inlined_kernel = njit(**KERNEL, forceinline=True)

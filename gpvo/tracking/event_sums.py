@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import KERNEL, kernel
+from factors.kernels.compiled import fast_kernel, kernel
 
 Array = NDArray[np.float64]
 Flow = NDArray[np.float32]
@@ -27,7 +26,6 @@ TOGETHER = 256
 """Number of events that are rectified before they are moved, and moved before they are added."""
 SQUARINGS = 6
 """Of the cubic of exp(-n / 2^6), which make exp(-n) to 0.001 grey levels, without branches."""
-FAST = {"contract", "nsz"}
 
 
 @kernel
@@ -62,7 +60,7 @@ def fine_flow(flow: Flow) -> Flow:
     return np.asarray(cv2.resize(flow, size, interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def add_events(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
@@ -89,7 +87,7 @@ def add_events(
         _add(moved[:count], sums)
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def _rectify(
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
@@ -113,7 +111,7 @@ def _rectify(
     return int(count)
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def _move(moved: Moved, side: int, fine: Flow, shape: tuple[int, int, int]) -> int:
     """Move events from rectified pixels to where they are at the reference time, in wider pixels.
 
@@ -140,7 +138,7 @@ def _move(moved: Moved, side: int, fine: Flow, shape: tuple[int, int, int]) -> i
     return int(count)
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def _add(moved: Moved, sums: Sums) -> None:
     """Share events among the four pixels around them."""
     one = np.float32(1)
@@ -154,7 +152,7 @@ def _add(moved: Moved, sums: Sums) -> None:
         _share(lower, low * (one - right), low * right, delay)
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def _share(pixels: Sums, left: float, right: float, delay: float) -> None:
     """Add the shares of an event to two pixels side by side."""
     pixels[0, 0] += left
@@ -163,7 +161,7 @@ def _share(pixels: Sums, left: float, right: float, delay: float) -> None:
     pixels[1, 1] += right * delay
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def brightness(sums: Sums, weight: float) -> NDArray[np.uint8]:
     """Compute the picture 255 (1 - exp(-n)) of `weight` times as many events n as are summed."""
     picture, counts = np.empty(sums.shape[:2], np.uint8), sums.reshape(-1)
@@ -195,7 +193,7 @@ def mean_delays(sums: Sums, points: Array, radius: float) -> Array:
     return means
 
 
-@njit(**KERNEL, fastmath={"reassoc", "contract", "nsz"})
+@fast_kernel
 def _totals(pixels: Sums) -> tuple[float, float]:
     """Sum both columns of some pixels, in an order that suits vector registers."""
     events = delays = np.float32(0)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import KERNEL, kernel
+from factors.kernels.compiled import fast_kernel, kernel
 from gpvo.tracking.klt.lucas_kanade import BEYOND, refine, touches
 from gpvo.tracking.klt.patch_kernels import (
-    FAST,
     Level,
     Row,
     centre,
@@ -107,7 +105,7 @@ def warp_patches_kernel(
     return warped
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def warp_kernel(
     patch: NDArray[np.uint8], place: Array, warp: Array, side: int, width: int, samples: Row
 ) -> None:
@@ -143,7 +141,7 @@ def warp_kernel(
             line[k] = upper + low[k] * (lower - upper)
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def remove(patch: Row, gain: float, gradient: Row) -> None:
     """Remove what a gradient has of a patch, and scale the rest by a gain."""
     share = np.float32(dot(gradient, patch) / max(dot(patch, patch), 1e-9))

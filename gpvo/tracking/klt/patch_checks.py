@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import KERNEL, kernel
+from factors.kernels.compiled import fast_kernel, inlined_kernel, kernel
 from gpvo.config.stages import KltConfig
 from gpvo.second_thread import in_halves
-from gpvo.tracking.klt.patch_kernels import FAST, sample_patch
+from gpvo.tracking.klt.patch_kernels import sample_patch
 
 Image = NDArray[np.uint8]
 Point = NDArray[np.float32]
@@ -68,7 +67,7 @@ def _is_inside(image: Image, point: Point) -> bool:
     return 0 <= point[0] < width and 0 <= point[1] < height
 
 
-@kernel
+@inlined_kernel
 def patch_correlation(
     first: Image, point: Point, second: Image, other: Point, radius: int
 ) -> float:
@@ -88,7 +87,7 @@ def patch_correlation(
     return _dot(a, b) / contrast if contrast > 0 else 0.0
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def _dot(a: Patch, b: Patch) -> float:
     total = 0.0
     for row in range(len(a)):

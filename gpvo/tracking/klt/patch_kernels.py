@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import KERNEL, kernel
+from factors.kernels.compiled import fast_kernel, inlined_kernel, kernel
 
 Level = NDArray[np.uint8]
 """Image of a pyramid's level, with a border around it."""
@@ -16,9 +15,6 @@ Row = NDArray[np.float32]
 """Rows of a patch, one after the other."""
 Corners = tuple[float, float, float, float]
 """Values at four pixels around a place: the first, right of it, below it, and both."""
-
-FAST = {"reassoc", "contract", "nsz"}
-"""Sums may be made in any order, but it is the same in every run."""
 
 
 @kernel
@@ -30,7 +26,7 @@ def copy_patch(image: Level, u: float, v: float, rows: int, width: int, patch: R
             patch[row * columns + column] = np.float32(image[top + row, left + column])
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def interpolate(window: Row, x: float, y: float, width: int, samples: Row) -> None:
     """Sample a window at (x, y) from its pixels, bilinearly."""
     n = len(window) - width - 2
@@ -70,7 +66,7 @@ def sample_patch(
             samples[k] = a * upper[k] + b * upper[k + 1] + c * lower[k] + d * lower[k + 1]
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def differentiate(samples: Row, width: int, across: Row, down: Row) -> None:
     """Compute the gradients of a patch after Scharr; samples have a margin of a pixel."""
     edge, middle = np.float32(3 / 32), np.float32(10 / 32)
@@ -97,7 +93,7 @@ def clear_outside(
             across[k] = down[k] = 0
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def centre(values: Row, side: int, width: int, centred: Row) -> None:
     """Subtract the mean of a patch from its pixels, and clear what lies between its rows."""
     total = np.float32(0)
@@ -112,7 +108,7 @@ def centre(values: Row, side: int, width: int, centred: Row) -> None:
         centred[end : end + width - side] = 0
 
 
-@kernel
+@inlined_kernel
 def sample_centred(
     image: Level, u: float, v: float, side: int, width: int, window: Row, seen: Row, centred: Row
 ) -> None:
@@ -122,7 +118,7 @@ def sample_centred(
     centre(seen, side, width, centred)
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def dot(a: Row, b: Row) -> float:
     total = np.float32(0)
     for k in range(len(b)):
@@ -130,7 +126,7 @@ def dot(a: Row, b: Row) -> float:
     return float(total)
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def corner_sums(window: Row, gradient: Row, width: int) -> Corners:
     """Sum the products of a gradient with the window, a pixel to the right, below, and both."""
     right, below, both = window[1:], window[width:], window[width + 1 :]

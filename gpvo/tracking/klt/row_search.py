@@ -7,13 +7,12 @@ images. So the patches of a coarse level are compared at every disparity first.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import KERNEL, kernel
+from factors.kernels.compiled import fast_kernel, inlined_kernel, kernel
 from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid
-from gpvo.tracking.klt.patch_kernels import FAST, Level, centre, copy_patch, dot
+from gpvo.tracking.klt.patch_kernels import Level, centre, copy_patch, dot
 
 Points = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -72,7 +71,7 @@ def search_kernel(
         ends[i, 0] = points[i, 0] - disparity / scale
 
 
-@kernel
+@inlined_kernel
 def _most_alike(
     image: Level,
     column: int,
@@ -95,7 +94,7 @@ def _most_alike(
     return steps
 
 
-@njit(**KERNEL, fastmath=FAST)
+@fast_kernel
 def _correlate(
     image: Level,
     column: int,
