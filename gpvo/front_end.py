@@ -178,9 +178,10 @@ class FrontEnd:
     def _tracked_motion(self) -> ImageMotion | None:
         """Return the motion of the features in tracked pixels; None while few are known.
 
-        What it will be is unknown where few landmarks agree on what it is.
+        What it will be is unknown where few landmarks agree on what it is, and where it turns.
         """
-        if self._image_speed is None:
+        report = self._tracking_report()
+        if self._image_speed is None or (report is not None and report.turns):
             return None
         pixel, known = self._tracked_pixel, self._acceleration
         agree = self._inliers >= AGREE * self._share * self.configuration.tracking.klt.features(0.0)

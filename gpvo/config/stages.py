@@ -324,6 +324,13 @@ class CompensationConfig(StageConfig):
         "brightness and found from the stream: half by theory. Observations are moved ahead by it; "
         "0 leaves them.",
     )
+    little_motion: float = Field(
+        default=1.5,
+        ge=0,
+        description="Where contours moved by less since the picture before, pixels, as their few "
+        "events tell, the picture goes on showing the events before, too, and what is seen in it "
+        "is less certain by that way: such as where the motion turns. 0 shows the new ones alone.",
+    )
     density: float | None = Field(
         default=0.5,
         gt=0,

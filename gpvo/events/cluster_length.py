@@ -35,12 +35,6 @@ APART = 2.0
 """Times the blur that contours may leave a constant motion from a cluster's begin to the next."""
 SURGE = 2.0
 """Times the usual number of events that ends a cluster: the motion became faster meanwhile."""
-THIN = 0.1
-"""Share of the usual number of events below which contours hardly move, as where the motion turns.
-
-Of 180 simulated runs back and forth, fast, or of rotation, the last cluster of 16 had fewer: 0 to
-59 inliers, and relative errors of 4 to 8 times the run's RMS.
-"""
 REMEMBERED = 10
 """Number of latest clusters that say what is usual."""
 
@@ -96,19 +90,8 @@ class ClusterLength:
             return config.window, config.max_events
         if image_motion is None:
             return self._of_unknown_motion(0.0 if at_rest else self._time_of(LEAST))
-        return self._duration(image_motion), round(max(SURGE * self._usual, LEAST * self._pixels))
-
-    def is_thin(self, contours: float) -> bool:
-        """Whether so many events of contours are hardly any.
-
-        Not if the number of events ends clusters: it says nothing of the motion then.
-        """
-        return self._config.max_events is None and contours < THIN * self._usual
-
-    @property
-    def _usual(self) -> float:
-        """Number of events of recent clusters in motion; 0 before the first."""
-        return float(median(self._counts)) if self._counts else 0.0
+        usual = SURGE * float(median(self._counts)) if self._counts else 0.0
+        return self._duration(image_motion), round(max(usual, LEAST * self._pixels))
 
     def _of_unknown_motion(self, enough: float) -> tuple[float, int]:
         """Return the limits where the latest rate gives enough events in so many seconds.

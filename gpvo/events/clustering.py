@@ -235,7 +235,7 @@ class Clustering:
         yield from self.end()
 
     def end(self) -> Iterator[StereoCluster]:
-        """Yield the last cluster, unless the stream fills less than half of it or hardly shows it.
+        """Yield the last cluster, unless the stream fills less than half of it.
 
         It begins earlier, in the time after the cluster before, if it would be short else.
         """
@@ -247,8 +247,7 @@ class Clustering:
         counts = [side.count(self._start) for side in self._sides]
         full = (self._end - self._start) / duration, *(count / limit for count in counts)
         cluster = self._take(self._end)
-        thin = not self._at_rest() and self._length.is_thin(cluster.contour_count)
-        if max(full) >= 0.5 and not thin:
+        if max(full) >= 0.5:
             yield cluster
             self._flash = 0.0
 

@@ -6,7 +6,7 @@ a feature, makes errors of the image motion cancel for the feature.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,8 @@ class CompensatedImage:
     sums
         (height, width, 2) number of events of each pixel, and sum of their times after the
         reference time, seconds. Each event is shared among the four pixels around it.
+    weight
+        Number of events that each of the summed ones stands for, per pixel of the sensor.
     thinned
         Number of the cluster's events that were left out because there are enough.
     picture
@@ -49,6 +51,7 @@ class CompensatedImage:
     flow: Flow
     sums: Sums
     picture: NDArray[np.uint8]
+    weight: float
     thinned: int = 0
 
     @staticmethod
@@ -74,13 +77,23 @@ class CompensatedImage:
             add_events(
                 events.x, events.y, events.t, every, image.table, side, reference, fine, sums
             )
-        picture, thinned = brightness(sums, every / side**2), count - len(range(0, count, every))
-        return CompensatedImage(reference, flow, sums, picture, thinned)
+        weight, thinned = every / side**2, count - len(range(0, count, every))
+        return CompensatedImage(reference, flow, sums, brightness(sums, weight), weight, thinned)
 
     def held(self, reference: float) -> CompensatedImage:
         """Return the same image at a later time, when nothing has moved."""
-        counts = self.sums * np.array([1, 0], np.float32)
-        return CompensatedImage(reference, np.zeros_like(self.flow), counts, self.picture)
+        still, counts = np.zeros_like(self.flow), self._sums_at_reference(1.0)
+        return CompensatedImage(reference, still, counts, self.picture, self.weight)
+
+    def continued(self, later: CompensatedImage, share: float) -> CompensatedImage:
+        """Return a later image with its own events, and a share of these before them."""
+        sums = later.sums * np.float32(later.weight / self.weight) + self._sums_at_reference(share)
+        picture = brightness(sums, self.weight)
+        return replace(later, sums=sums, picture=picture, weight=self.weight)
+
+    def _sums_at_reference(self, share: float) -> Sums:
+        """Return a share of the events, all at the reference time."""
+        return self.sums * np.array([share, 0], np.float32)
 
     @property
     def count(self) -> NDArray[np.float32]:

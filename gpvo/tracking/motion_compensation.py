@@ -21,20 +21,18 @@ from gpvo.events.noise_level import NoiseLevel
 from gpvo.second_thread import both
 from gpvo.tracking.compensated_image import CompensatedImage
 from gpvo.tracking.contour_lag import ContourLag
+from gpvo.tracking.contour_way import USUAL, ContourWay
 from gpvo.tracking.event_spacing import EventSpacing
-from gpvo.tracking.event_sums import CELL, Flow
+from gpvo.tracking.event_sums import Flow
+from gpvo.tracking.feature_flow import flow_between, median_length
 from gpvo.tracking.observations import Observations
 
 Array = NDArray[np.float64]
 
-PULL = 0.05
-"""Weight of the median motion, where a feature at the centre of a cell has the weight 1."""
 STILL = 0.05
 """Share of a full cluster's events below which nothing moved: a tenth of a pixel."""
 NOISY = 0.2
 """Share below which events that are noise alone are those of a camera at rest."""
-USUAL = 20
-"""Number of latest clusters with motion; the fullest of them is full."""
 LEAST_FEATURES = 8
 """Number of features below which the image motion is unknown."""
 UNSURE = 4.0
@@ -62,13 +60,15 @@ class MotionCompensation:
 
     Where (almost) no event came but the noise of both cameras, nothing moved: such a cluster has
     the pictures before it, at its own time, so that features are seen at rest, or blank ones if
-    nothing moved before. Without noise the cameras may as well have failed.
+    nothing moved before. Without noise the cameras may as well have failed. Where few events of
+    contours tell that these moved by less than a little, the pictures go on showing those before.
 
     `frames` is the number of latest clusters to which observations may belong. Pixels of the
     pictures are `side` pixels of the events wide; all positions are pixels of the pictures.
-    `at_rest` says whether nothing moved in the latest cluster. `blurred` says whether the latest
-    two pictures told the image motion for the first time, and move far: made again with it, they
-    are sharper.
+    `at_rest` says whether nothing moved in the latest cluster, `hardly_moved` whether contours
+    moved by less than a little since the picture before, `turns` whether they did in it or in the
+    one before. `blurred` says whether the latest two pictures told the image motion for the first
+    time, and move far: made again with it, they are sharper.
     """
 
     def __init__(self, config: CompensationConfig, frames: int, side: int = 1) -> None:
@@ -76,7 +76,7 @@ class MotionCompensation:
         self._images: deque[tuple[CompensatedImage, CompensatedImage]] = deque(maxlen=frames)
         self._frame_count = 0
         self._stop, self._pause = -np.inf, 0.0
-        self.at_rest = self.blurred = False
+        self.at_rest = self.hardly_moved = self.turns = self.blurred = False
         self._moving: tuple[CompensatedImage, ...] = ()
         self._recent: Observations | None = None
         self._waiting: Observations | None = None
@@ -84,7 +84,7 @@ class MotionCompensation:
         self._learned, self._doubts = 0, deque[float](maxlen=frames)
         self._lags = ContourLag(config.lag_share), ContourLag(config.lag_share)
         self._spacing, self._events = EventSpacing(side), NO_EVENTS
-        self._full_count: deque[float] = deque(maxlen=USUAL)
+        self._full_count, self._way = deque[float](maxlen=USUAL), ContourWay(config.little_motion)
         self._noise, self._still = NoiseLevel(), False
 
     @property
@@ -98,10 +98,15 @@ class MotionCompensation:
         self._pause, self._stop = cluster.start - self._stop, cluster.stop
         self._events, self.blurred = cluster.left, False
         self.at_rest = self._is_still(cluster)
+        before = self.hardly_moved
+        self.hardly_moved = self._moved_little(cluster, middle) and not self.at_rest
+        self.turns = before or self.hardly_moved
         if self.at_rest and self._moving:
             left, right = (image.held(middle) for image in self._moving)
         elif self.at_rest:
             left, right = (self._blank(side, middle) for side in (cluster.left, cluster.right))
+        elif self.hardly_moved:
+            left, right = self._moving = self._continued(cluster, middle)
         else:
             left, right = both(
                 partial(self._compensated, cluster.left, self._flows[0], middle),
@@ -110,7 +115,7 @@ class MotionCompensation:
             if not self._still:
                 self._moving = left, right
         self._images.append((left, right))
-        self._doubts.append(1.0)
+        self._doubts.append(self._way.doubt if self.hardly_moved else 1.0)
         self._frame_count += 1
         return left.picture, right.picture
 
@@ -126,6 +131,16 @@ class MotionCompensation:
         density = self._config.density
         return CompensatedImage.of_events(events, flow, middle, self._side, density)
 
+    def _continued(
+        self, cluster: StereoCluster, middle: float
+    ) -> tuple[CompensatedImage, CompensatedImage]:
+        """Make the pictures before at a later time, with the few events since."""
+        left, right = (
+            image.continued(self._compensated(side, UNKNOWN, middle), 1 - self._way.share)
+            for image, side in zip(self._images[-1], (cluster.left, cluster.right), strict=True)
+        )
+        return left, right
+
     def _blank(self, events: ClusterEvents, middle: float) -> CompensatedImage:
         """Make the image of a camera at rest that saw nothing move before."""
         nothing = replace(events, parts=())
@@ -133,7 +148,7 @@ class MotionCompensation:
 
     def _is_still(self, cluster: StereoCluster) -> bool:
         """Compare the events of both cameras with those of recent clusters that moved, if any."""
-        count = cluster.left.contour_count + cluster.right.contour_count
+        count = _contour_count(cluster)
         if not self._full_count:
             rests = self._noise.may_be_noise(cluster)
             self._still = rests is not False
@@ -145,6 +160,14 @@ class MotionCompensation:
             self._full_count.append(count)
             self._noise.clear()
         return bool(rests)
+
+    def _moved_little(self, cluster: StereoCluster, middle: float) -> bool:
+        """Return whether the contours of both cameras moved by less than a little, at `middle`."""
+        if not self._images:
+            return False
+        dt = middle - self._images[-1][0].reference
+        self._way.see(_contour_count(cluster), cluster.stop - cluster.start, dt)
+        return self._way.is_little
 
     def timed(self, seen: Observations) -> Observations:
         """Move observations from the pictures to the mean times of their events; add the times.
@@ -204,7 +227,7 @@ class MotionCompensation:
         _, i, j = np.intersect1d(earlier.landmark, later.landmark, return_indices=True)
         if len(i) < LEAST_FEATURES:
             if len(later) >= 2 * LEAST_FEATURES and self._config.lag_share > 0:
-                self._doubts[-1] = UNSURE
+                self._doubts[-1] = max(self._doubts[-1], UNSURE)
             return
         dt, reach = latest[0].reference - before[0].reference, self._config.reach
         height, width = latest[0].count.shape
@@ -212,8 +235,10 @@ class MotionCompensation:
             flow_between(old[i], new[j], dt, (height, width), reach)
             for old, new in ((earlier.left, later.left), (earlier.right, later.right))
         )
-        self.blurred = self._flows[0] is UNKNOWN and _median_length(left) * dt > BLURRED
+        self.blurred = self._flows[0] is UNKNOWN and median_length(left) * dt > BLURRED
         self._flows, self._learned = (left, right), self._frame_count
+        if not self.at_rest:
+            self._way.learn(median_length(left))
         duration = dt - self._pause
         if self._config.lag_share > 0:
             self._spacing.follow(self._events, left, duration)
@@ -221,29 +246,10 @@ class MotionCompensation:
             lag.follow(flow, dt, duration, self._spacing.value)
             for lag, flow in zip(self._lags, self._flows, strict=True)
         )
-        self._doubts[-1] = min(UNSURE, hypot(1, _median_length(change) / TURN))
+        turned = min(UNSURE, hypot(1, median_length(change) / TURN))
+        self._doubts[-1] = max(self._doubts[-1], turned)
 
 
-def _median_length(ways: Flow) -> float:
-    """Return the median length of what is known of all cells (rows, columns, 2)."""
-    return float(np.median(np.linalg.norm(ways, axis=2)))
-
-
-def flow_between(
-    earlier: Array, later: Array, dt: float, shape: tuple[int, int], reach: float
-) -> Flow:
-    """Estimate the image motion of all cells from features that moved within dt seconds.
-
-    `earlier` and `later` are the pixels (N, 2) of the same features, and `shape` is (height, width)
-    of the image. The motion is the mean of the features' motions, weighted by a Gaussian of the
-    distance with the standard deviation `reach` pixels. Far from all features it is their median
-    motion.
-    """
-    height, width = shape
-    motion = (later - earlier) / dt
-    columns, rows = (CELL * (np.arange(-(-side // CELL)) + 0.5) - 0.5 for side in (width, height))
-    across = np.exp(-(((columns[:, None] - later[:, 0]) / reach) ** 2) / 2)
-    down = np.exp(-(((rows[:, None] - later[:, 1]) / reach) ** 2) / 2)
-    total = np.stack([(down * part) @ across.T for part in motion.T], axis=-1)
-    mean = (total + PULL * np.median(motion, axis=0)) / (down @ across.T + PULL)[..., None]
-    return np.asarray(mean, np.float32)
+def _contour_count(cluster: StereoCluster) -> float:
+    """Return the number of both cameras' events of contours."""
+    return cluster.left.contour_count + cluster.right.contour_count

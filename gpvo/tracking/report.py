@@ -21,6 +21,8 @@ class TrackingReport:
         Those of them that were followed around the quad.
     at_rest
         Nothing moved: the pictures are those of the cluster before.
+    turns
+        Contours hardly moved in it or in the one before: what motion comes is unknown.
     thinned
         Events that the pictures leave out because there are enough; both cameras.
     """
@@ -30,6 +32,7 @@ class TrackingReport:
     known: int
     closed: int
     at_rest: bool = False
+    turns: bool = False
     thinned: int = 0
 
     def __add__(self, other: TrackingReport) -> TrackingReport:
@@ -40,5 +43,6 @@ class TrackingReport:
             self.known + other.known,
             self.closed + other.closed,
             self.at_rest and other.at_rest,
+            self.turns and other.turns,
             max(self.thinned, other.thinned),
         )

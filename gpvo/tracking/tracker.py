@@ -152,7 +152,8 @@ class _ResolutionTracker:
     def report(self) -> TrackingReport:
         """Report of the latest cluster."""
         seen = self._compensation
-        return replace(self._tracker.report, at_rest=seen.at_rest, thinned=seen.thinned)
+        found, kind = self._tracker.report, {"at_rest": seen.at_rest, "turns": seen.turns}
+        return replace(found, thinned=seen.thinned, **kind)
 
     def _images(self, cluster: StereoCluster) -> StereoImage:
         if self._image == "motion_compensated":

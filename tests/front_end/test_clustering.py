@@ -183,23 +183,6 @@ def test_a_last_window_less_than_half_full_is_dropped(window: float, stops: list
     assert [round(c.stop, 9) for c in found] == stops
 
 
-@pytest.mark.parametrize(
-    ("count", "at_rest", "is_kept"), [(8, False, True), (1, False, False), (1, True, True)]
-)
-def test_a_last_window_that_hardly_shows_contours_is_dropped(
-    count: int, at_rest: bool, is_kept: bool
-) -> None:
-    """As where the motion turns; a camera at rest shows none."""
-    config = ClusteringConfig(window=0.1, background_filter=0.0, hot_pixel_ratio=0.0)
-    t = np.append(np.arange(0.0, 0.954, 0.006), np.linspace(0.96, 1.04, count))
-    x = np.arange(len(t), dtype=np.uint16) % WIDTH
-    events = Events(x, x % HEIGHT, t, x > 0)
-    clustering = Clustering(RIG, config, lambda: ImageMotion(1.0), lambda: at_rest)
-    found = list(clustering.clusters([StereoEvents(0.0, 1.05, events, events)]))
-    assert found[-1].stop == (1.05 if is_kept else pytest.approx(0.954))
-    assert len(found) == (11 if is_kept else 10)
-
-
 @given(seeds, st.floats(1.0, 6.0), st.lists(st.floats(0, 1), max_size=6))
 @settings(deadline=None, max_examples=40)
 def test_clusters_are_apart_while_time_is_short(

@@ -17,7 +17,8 @@ from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.tracking import Observations
 from gpvo.tracking.compensated_image import CompensatedImage
 from gpvo.tracking.event_sums import CELL, Flow, brightness, motion_at
-from gpvo.tracking.motion_compensation import MotionCompensation, flow_between
+from gpvo.tracking.feature_flow import flow_between
+from gpvo.tracking.motion_compensation import MotionCompensation
 from gpvo.tracking.tracker import to_full_resolution
 
 SHAPE = (60, 80)

@@ -1,0 +1,75 @@
+"""How far contours moved since the picture before, told by the number of their events.
+
+Contours have about as many events for each pixel of their way. Where a motion turns, or the image
+of a moving camera stands still, they have hardly any for a while: they are still near where they
+were, to within that way.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import hypot, inf
+from statistics import median
+
+USUAL = 20
+"""Number of latest clusters with more motion that say what is usual."""
+FEW = 0.3
+"""Share of the usual number of events from which on there is more than a little motion."""
+COMMON = 0.12
+"""Way that makes what is seen as uncertain as a match of its own does, pixels.
+
+All that is seen is off alike, by a share of the way; errors of matches cancel among landmarks.
+Relative errors of 26 simulated recordings in which the motion turns do not differ from 0.1 to 0.2.
+"""
+LARGEST = 16.0
+"""Times that deviations are larger at most."""
+
+
+class ContourWay:
+    """Tells how far contours moved where they have few events: less than a little, or more.
+
+    `little` is in pixels.
+
+    Attributes
+    ----------
+    value
+        Way since the latest picture of new events alone, pixels; infinite if it is unknown, or
+        there are too many events.
+    share
+        Number of events of contours in the latest cluster, over the usual number.
+    """
+
+    def __init__(self, little: float) -> None:
+        self._little, self._rate = little, 0.0
+        self.value, self.share = inf, 1.0
+        self._per_event, self._counts = deque[float](maxlen=USUAL), deque[float](maxlen=USUAL)
+
+    def see(self, count: float, duration: float, dt: float) -> None:
+        """Take the number of contours' events in a cluster of `duration` seconds.
+
+        dt is the time since the picture before, seconds. Events between clusters are not known, and
+        taken to come at the mean of both clusters' rates.
+        """
+        before, self._rate = self._rate, count / max(duration, 1e-9)
+        self.share = count / max(median(self._counts), 1.0) if self._counts else 1.0
+        if self._per_event and self.share < FEW:
+            way = 0.5 * (before + self._rate) * dt * median(self._per_event)
+            self.value = way + (self.value if self.is_little else 0.0)
+        else:
+            self.value = inf
+            self._counts.append(count)
+
+    def learn(self, speed: float) -> None:
+        """Learn from the speed of contours in the latest cluster, pixels per second."""
+        if self.value == inf and self._rate > 0:
+            self._per_event.append(speed / self._rate)
+
+    @property
+    def is_little(self) -> bool:
+        """Whether contours moved by less than a little since that picture."""
+        return self.value < self._little
+
+    @property
+    def doubt(self) -> float:
+        """How many times larger deviations are of what did not move by more."""
+        return min(LARGEST, hypot(1, self.value / COMMON))
