@@ -27,6 +27,8 @@ FIRST = (
     "command_line/test_live.py",
     "command_line/test_run.py",
     "live/test_live_odometry.py",
+    "live/test_little_time.py",
+    "front_end/test_cold_kernels.py",
     "benchmarks/test_faults.py",
     "recordings/test_damage.py",
 )
