@@ -17,7 +17,7 @@ from gpvo.config.stages import CompensationConfig
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 from gpvo.tracking import Observations
-from gpvo.tracking.contour_way import FEW, ContourWay
+from gpvo.tracking.contour_way import COMMON, FEW, ContourWay
 from gpvo.tracking.event_sums import brightness
 from gpvo.tracking.motion_compensation import MotionCompensation
 
@@ -115,7 +115,7 @@ def test_pictures_of_few_events_go_on_showing_those_before() -> None:
     # What is seen is where it was a little before, and less certain by that way.
     middle, period = 3.5 * PERIOD, 0.2 * PERIOD
     assert np.abs(found[3].times - middle).max() < period
-    assert (found[3].deviations[:, :2] > 3).all()
+    np.testing.assert_allclose(found[3].deviations[:, :2], np.hypot(1, 0.525 / COMMON), rtol=1e-6)
     assert (found[3].deviations[:, 2] == 1).all() and (found[2].deviations == 1).all()
 
 
