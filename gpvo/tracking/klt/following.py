@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import kernel
 from gpvo.config.stages import KltConfig
 from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.anchor_kernels import match_anchors_kernel
@@ -20,7 +19,7 @@ from gpvo.tracking.klt.patch_checks import Image, check_kernel, limits_of
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 StereoPoints = tuple[Points, Points]
-Point = NDArray[np.float32]
+Quad = tuple[Pairs, Pairs, Pairs, Pairs]
 Mask = NDArray[np.bool_]
 Marks = NDArray[np.uint8]
 
@@ -59,13 +58,13 @@ def follow(
         before = previous.left[part], previous.right[part]
         anchors = previous.anchors.patch[part], place[part], warps[part]
         ends = left[part], right[part], marks[part]
-        _follow_kernel(*given, limits, limits_of(config), before, anchors, *ends)
+        _follow_part(*given, limits, limits_of(config), before, anchors, *ends)
 
     in_halves(follow_part, len(left))
     return left, right, marks
 
 
-def _quad(previous: Frame, frame: Frame) -> tuple[Pairs, Pairs, Pairs, Pairs]:
+def _quad(previous: Frame, frame: Frame) -> Quad:
     """Return the levels of each match of the quad."""
     before, now = ((one.left_image, one.right_image) for one in (previous, frame))
     corners = before[0], now[0], now[1], before[1]
@@ -73,9 +72,8 @@ def _quad(previous: Frame, frame: Frame) -> tuple[Pairs, Pairs, Pairs, Pairs]:
     return first, second, third, last
 
 
-@kernel
-def _follow_kernel(
-    quad: tuple[Pairs, Pairs, Pairs, Pairs],
+def _follow_part(
+    quad: Quad,
     coarsest: tuple[int, int],
     images: tuple[Image, Image],
     side: int,
@@ -92,23 +90,18 @@ def _follow_kernel(
     check_kernel(images, left, right, stereo_limits, passed)
     ends, alike = left.copy(), np.full(len(left), -1.0)
     match_anchors_kernel(*anchors, quad[0][0][1], side, ends, alike, passed)
-    for i in range(len(left)):
-        if passed[i] and alike[i] < limits[1]:
-            marks[i], passed[i] = CHANGED, False
-        elif passed[i]:
-            passed[i] = _distance(ends[i], left[i]) < limits[2]
-            for k in range(2):
-                right[i, k] += ends[i, k] - left[i, k]
-                left[i, k] = ends[i, k]
+    marks[passed & (alike < limits[1])] = CHANGED
+    passed &= alike >= limits[1]
+    moved = (ends - left) * passed[:, None]
+    left += moved
+    right += moved
+    passed &= _lengths(moved) < limits[2]
     check_kernel(images, left, right, stereo_limits, passed)
-    for i in range(len(left)):
-        if passed[i]:
-            marks[i] = KNOWN
+    marks[passed] = KNOWN
 
 
-@kernel
 def _around_quad(
-    quad: tuple[Pairs, Pairs, Pairs, Pairs],
+    quad: Quad,
     coarsest: tuple[int, int],
     side: int,
     before: StereoPoints,
@@ -120,32 +113,17 @@ def _around_quad(
 
     `coarsest` are the levels to begin with between frames, and between left and right.
     """
-    found, shift = np.zeros((4, len(left)), np.bool_), np.empty_like(left)
-    for i in range(len(left)):
-        _subtract(left[i], right[i], shift[i])
+    found, shift = np.zeros((4, len(left)), np.bool_), left - right
     match_levels(quad[0], coarsest[0], side, before[0], left, found[0])
-    for i in range(len(left)):
-        _subtract(left[i], shift[i], right[i])
-        _subtract(before[1][i], before[0][i], shift[i])
+    right[:] = left - shift
     match_levels(quad[1], coarsest[1], side, left, right, found[1])
-    back, end = right.copy(), np.empty_like(right)
+    back = right.copy()
     match_levels(quad[2], coarsest[0], side, right, back, found[2])
-    for i in range(len(left)):
-        _subtract(back[i], shift[i], end[i])
+    end = back - (before[1] - before[0])
     match_levels(quad[3], coarsest[1], side, back, end, found[3])
-    for i in range(len(left)):
-        found[0, i] &= found[1, i] & found[2, i] & found[3, i]
-        found[0, i] &= _distance(end[i], before[0][i]) < tolerance
-    return found[0]
+    return np.asarray(found.all(axis=0) & (_lengths(end - before[0]) < tolerance))
 
 
-@kernel
-def _subtract(a: Point, b: Point, difference: Point) -> None:
-    """Set the difference of two points (2,)."""
-    difference[0], difference[1] = a[0] - b[0], a[1] - b[1]
-
-
-@kernel
-def _distance(a: Point, b: Point) -> float:
-    """Compute the distance of two points (2,)."""
-    return np.hypot(a[0] - b[0], a[1] - b[1])
+def _lengths(ways: Points) -> Points:
+    """Return the lengths (N,) of ways (N, 2)."""
+    return np.asarray(np.hypot(ways[:, 0], ways[:, 1]))
