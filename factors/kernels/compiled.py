@@ -29,6 +29,7 @@ _FAST = {"reassoc", "contract", "nsz"}
 """Sums may be made in any order."""
 # Each caller has its own copy of what it calls, and a process takes the copy that it loads first.
 # Copies are optimised where they are, so that their sums have other last bits. A kernel that is
-# inlined has one order in each caller, in every process. So must be what lies between.
+# inlined has one order in each caller, in every process. So must be what lies between: inner ones,
+# and those that are called by others, too.
 fast_kernel = njit(**KERNEL, forceinline=True, fastmath=_FAST)
 inlined_kernel = njit(**KERNEL, forceinline=True)

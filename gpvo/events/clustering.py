@@ -133,8 +133,8 @@ class StereoCluster:
 
     @property
     def contour_count(self) -> float:
-        """Estimated number of events of contours that moved, of the camera with more."""
-        return max(self.left.contour_count, self.right.contour_count)
+        """Estimated number of events of contours that moved, of both cameras."""
+        return self.left.contour_count + self.right.contour_count
 
     @property
     def noise_share(self) -> float:
@@ -286,7 +286,7 @@ class Clustering:
             self._flash += duration
             return
         events = max(left.event_count, right.event_count)
-        self._length.add(events, cluster.contour_count, duration)
+        self._length.add(events, max(left.contour_count, right.contour_count), duration)
         yield cluster
         self._flash = 0.0
 

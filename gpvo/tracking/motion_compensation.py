@@ -148,7 +148,7 @@ class MotionCompensation:
 
     def _is_still(self, cluster: StereoCluster) -> bool:
         """Compare the events of both cameras with those of recent clusters that moved, if any."""
-        count = _contour_count(cluster)
+        count = cluster.contour_count
         if not self._full_count:
             rests = self._noise.may_be_noise(cluster)
             self._still = rests is not False
@@ -166,7 +166,7 @@ class MotionCompensation:
         if not self._images:
             return False
         dt = middle - self._images[-1][0].reference
-        self._way.see(_contour_count(cluster), cluster.stop - cluster.start, dt)
+        self._way.see(cluster.contour_count, cluster.stop - cluster.start, dt)
         return self._way.is_little
 
     def timed(self, seen: Observations) -> Observations:
@@ -248,8 +248,3 @@ class MotionCompensation:
         )
         turned = min(UNSURE, hypot(1, median_length(change) / TURN))
         self._doubts[-1] = max(self._doubts[-1], turned)
-
-
-def _contour_count(cluster: StereoCluster) -> float:
-    """Return the number of both cameras' events of contours."""
-    return cluster.left.contour_count + cluster.right.contour_count

@@ -152,8 +152,9 @@ class _ResolutionTracker:
     def report(self) -> TrackingReport:
         """Report of the latest cluster."""
         seen = self._compensation
-        found, kind = self._tracker.report, {"at_rest": seen.at_rest, "turns": seen.turns}
-        return replace(found, thinned=seen.thinned, **kind)
+        return replace(
+            self._tracker.report, at_rest=seen.at_rest, turns=seen.turns, thinned=seen.thinned
+        )
 
     def _images(self, cluster: StereoCluster) -> StereoImage:
         if self._image == "motion_compensated":

@@ -51,14 +51,13 @@ def follow(
     images = frame.left_image.image, frame.right_image.image
     coarsest = frame.left_image.coarsest, min(FINE, frame.left_image.coarsest)
     given = _quad(previous, frame), coarsest, images, previous.left_image.patch_size
-    limits = closure_tolerance, config.anchor_correlation, config.anchor_tolerance
     place = places(previous.anchors)
 
     def follow_part(part: slice) -> None:
         before = previous.left[part], previous.right[part]
         anchors = previous.anchors.patch[part], place[part], warps[part]
         ends = left[part], right[part], marks[part]
-        _follow_part(*given, limits, limits_of(config), before, anchors, *ends)
+        _follow_part(*given, config, closure_tolerance, before, anchors, *ends)
 
     in_halves(follow_part, len(left))
     return left, right, marks
@@ -77,8 +76,8 @@ def _follow_part(
     coarsest: tuple[int, int],
     images: tuple[Image, Image],
     side: int,
-    limits: tuple[float, float, float],
-    stereo_limits: tuple[float, float, float, int],
+    config: KltConfig,
+    closure_tolerance: float,
     before: StereoPoints,
     anchors: tuple[NDArray[np.uint8], Array, Array],
     left: Points,
@@ -86,17 +85,17 @@ def _follow_part(
     marks: Marks,
 ) -> None:
     """Refine the left and right points (N, 2), and mark (N,) those that are found."""
-    passed = _around_quad(quad, coarsest, side, before, left, right, limits[0])
-    check_kernel(images, left, right, stereo_limits, passed)
+    passed = _around_quad(quad, coarsest, side, before, left, right, closure_tolerance)
+    check_kernel(images, left, right, limits_of(config), passed)
     ends, alike = left.copy(), np.full(len(left), -1.0)
     match_anchors_kernel(*anchors, quad[0][0][1], side, ends, alike, passed)
-    marks[passed & (alike < limits[1])] = CHANGED
-    passed &= alike >= limits[1]
+    marks[passed & (alike < config.anchor_correlation)] = CHANGED
+    passed &= alike >= config.anchor_correlation
     moved = (ends - left) * passed[:, None]
     left += moved
     right += moved
-    passed &= _lengths(moved) < limits[2]
-    check_kernel(images, left, right, stereo_limits, passed)
+    passed &= _lengths(moved) < config.anchor_tolerance
+    check_kernel(images, left, right, limits_of(config), passed)
     marks[passed] = KNOWN
 
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import inlined_kernel, kernel
+from factors.kernels.compiled import inner_kernel, kernel
 from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.patch_kernels import (
     Level,
@@ -124,7 +124,7 @@ def match_levels(
                 ends[i, k] /= scale
 
 
-@inlined_kernel
+@inner_kernel
 def _match_level(
     source: Level, target: Level, side: int, points: Points, ends: Points, found: Mask
 ) -> None:
@@ -162,7 +162,7 @@ def _inside(start: float, size: int, side: int) -> tuple[int, int]:
     return max(0, int(np.ceil(border - start))), max(0, min(side, int(size - border - start)))
 
 
-@inlined_kernel
+@inner_kernel
 def refine(
     target: Level,
     side: int,

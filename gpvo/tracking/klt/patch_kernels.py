@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import fast_kernel, inlined_kernel, kernel
+from factors.kernels.compiled import fast_kernel, inner_kernel, kernel
 
 Level = NDArray[np.uint8]
 """Image of a pyramid's level, with a border around it."""
@@ -108,7 +108,7 @@ def centre(values: Row, side: int, width: int, centred: Row) -> None:
         centred[end : end + width - side] = 0
 
 
-@inlined_kernel
+@inner_kernel
 def sample_centred(
     image: Level, u: float, v: float, side: int, width: int, window: Row, seen: Row, centred: Row
 ) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import fast_kernel, inlined_kernel, kernel
+from factors.kernels.compiled import fast_kernel, inner_kernel, kernel
 from gpvo.second_thread import in_halves
 from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid
 from gpvo.tracking.klt.patch_kernels import Level, centre, copy_patch, dot
@@ -71,7 +71,7 @@ def search_kernel(
         ends[i, 0] = points[i, 0] - disparity / scale
 
 
-@inlined_kernel
+@inner_kernel
 def _most_alike(
     image: Level,
     column: int,
