@@ -175,15 +175,15 @@ class FrontEnd:
             known.judge(later.landmark, estimate.inliers)
         return estimate
 
-    def _tracked_motion(self) -> ImageMotion | None:
-        """Return the motion of the features in tracked pixels; None while few are known.
+    def _tracked_motion(self) -> ImageMotion:
+        """Return the motion of the features in tracked pixels.
 
-        What it will be is unknown where few landmarks agree on what it is, and where it turns.
+        Its speed is unknown while few are known, and where it turns; what it will be is unknown
+        where few landmarks agree on what it is.
         """
-        report = self._tracking_report()
+        report, pixel, known = self._tracking_report(), self._tracked_pixel, self._acceleration
         if self._image_speed is None or (report is not None and report.turns):
-            return None
-        pixel, known = self._tracked_pixel, self._acceleration
+            return ImageMotion(acceleration=known.value / pixel)
         agree = self._inliers >= AGREE * self._share * self.configuration.tracking.klt.features(0.0)
         density = known.density(self._qc) if agree and self._qc is not None else np.inf
         return ImageMotion(self._image_speed / pixel, known.value / pixel, density / pixel**2)

@@ -147,8 +147,8 @@ class Clustering:
     """Cuts a stereo event stream into clusters, however it comes in batches.
 
     A cluster ends after `config.window` seconds, or as soon as either camera has too many events;
-    see `ClusterLength`. `image_motion` returns that of the features in the clusters so far, None if
-    it is unknown, and `at_rest` whether nothing moved in the latest one. Flashes are left out, and
+    see `ClusterLength`. `image_motion` returns that of the features in the clusters so far, as far
+    as it is known, and `at_rest` whether nothing moved in the latest one. Flashes are left out, and
     time between clusters: see `ClusterLength.period`.
     """
 
@@ -156,7 +156,7 @@ class Clustering:
         self,
         rig: StereoRig,
         config: ClusteringConfig,
-        image_motion: Callable[[], ImageMotion | None] = lambda: None,
+        image_motion: Callable[[], ImageMotion] = ImageMotion,
         at_rest: Callable[[], bool] = lambda: False,
     ) -> None:
         self._image_motion, self._at_rest = image_motion, at_rest
@@ -258,7 +258,7 @@ class Clustering:
         cluster and known to be right when they are followed into another.
         """
         motion = self._image_motion()
-        if motion is None:
+        if motion.speed is None:
             return
         usual = self._length.period(duration, motion)
         period = max(usual, min(self._hurry * usual, WIDEST * duration))
@@ -295,7 +295,7 @@ def cluster_events(
     batches: Iterable[StereoEvents],
     rig: StereoRig,
     config: ClusteringConfig,
-    image_motion: Callable[[], ImageMotion | None] = lambda: None,
+    image_motion: Callable[[], ImageMotion] = ImageMotion,
 ) -> Iterator[StereoCluster]:
     """Cut a stereo event stream into clusters; see `Clustering`."""
     return Clustering(rig, config, image_motion).clusters(batches)

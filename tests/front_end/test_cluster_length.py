@@ -23,6 +23,7 @@ from gpvo.events.cluster_length import (
 )
 from gpvo.recordings import Camera, StereoRig
 
+UNKNOWN = ImageMotion()
 SIZES = [(240, 180), (346, 260), (1280, 720)]
 
 
@@ -34,7 +35,7 @@ def length(size: tuple[int, int], **fields: float) -> ClusterLength:
 
 ACCELERATION = st.floats(0, 1e6) | st.just(np.inf)
 KNOWN = st.builds(ImageMotion, st.floats(0, 1e5), ACCELERATION, ACCELERATION)
-MOTION = st.none() | KNOWN
+MOTION = st.builds(ImageMotion, st.none(), ACCELERATION) | KNOWN
 
 
 @given(st.floats(0, 1e5), st.floats(0.5, 5), st.floats(0.02, SHORT), st.floats(0, 0.02))
@@ -71,13 +72,13 @@ def test_slow_contours_move_as_far_while_they_accelerate(
     assert duration == pytest.approx(shortest) or duration == 10.0 or moved == pytest.approx(motion)
 
 
-@pytest.mark.parametrize("motion", [None, ImageMotion(10.0, 1e6)])
-def test_slow_motion_with_few_events_has_time_for_enough(motion: ImageMotion | None) -> None:
+@pytest.mark.parametrize("motion", [UNKNOWN, ImageMotion(10.0, 1e6)])
+def test_slow_motion_with_few_events_has_time_for_enough(motion: ImageMotion) -> None:
     known, pixels = length((240, 180)), 240 * 180
     assert known.limits(motion)[0] == SHORT
     known.add(pixels, LEAST * pixels / 2, SHORT)  # half of what is enough, the others are noise
     assert known.limits(motion)[0] == pytest.approx(2 * SHORT)
-    assert known.limits(None, at_rest=True)[0] == SHORT
+    assert known.limits(UNKNOWN, at_rest=True)[0] == SHORT
     fast = ImageMotion(44.0, 1e6, density=0.0)
     assert known.limits(fast)[0] == pytest.approx(0.05)  # not in fast motion
     known.add(pixels, pixels, SHORT)
@@ -100,9 +101,24 @@ def test_enough_events_end_the_cluster_of_a_motion_that_begins(share: float, noi
     known, pixels = length((240, 180), window=10.0), 240 * 180
     contours, others = share * LEAST * pixels, round(noise * LEAST * pixels)
     known.add(round(contours) + others, contours, SHORT)
-    duration, most = known.limits(None)
+    duration, most = known.limits(UNKNOWN)
     assert duration == pytest.approx(SHORT / share)
     assert most == pytest.approx(LEAST * pixels + others * duration / SHORT, abs=20)
+
+
+@given(st.floats(0, 1e5), st.floats(0.5, 5), st.floats(0.001, 0.05), st.floats(0, 2))
+def test_contours_move_by_the_motion_where_only_their_acceleration_is_known(
+    acceleration: float, motion: float, steady: float, rate: float
+) -> None:
+    """At most, unless that takes less time than a cluster of steady motion has."""
+    known, pixels = length((240, 180), motion=motion, steady=steady), 240 * 180
+    known.add(round(rate * pixels), rate * pixels, 1.0)
+    duration, most = known.limits(ImageMotion(acceleration=acceleration))
+    longest, unbounded = known.limits(UNKNOWN)
+    assert duration <= longest and most == unbounded
+    moved = acceleration * duration**2 / 2
+    assert duration in (steady, longest) or moved == pytest.approx(motion)
+    assert duration == steady or moved <= motion * (1 + 1e-9)
 
 
 @given(st.floats(22, 1e5), ACCELERATION)
@@ -161,7 +177,7 @@ def test_clusters_follow_each_other_until_the_noise_of_the_motion_is_known() -> 
 @pytest.mark.parametrize("size", SIZES)
 def test_events_end_a_cluster_while_the_speed_is_unknown(size: tuple[int, int]) -> None:
     pixels = size[0] * size[1]
-    assert length(size).limits(None) == (SHORT, round(FIRST * pixels))
+    assert length(size).limits(UNKNOWN) == (SHORT, round(FIRST * pixels))
     assert length(size).limits(ImageMotion(50.0))[1] == round(LEAST * pixels)
 
 
@@ -175,7 +191,7 @@ def test_a_surge_of_events_ends_a_cluster() -> None:
 
 
 @given(MOTION)
-def test_a_number_of_events_that_is_set_is_the_only_one(motion: ImageMotion | None) -> None:
+def test_a_number_of_events_that_is_set_is_the_only_one(motion: ImageMotion) -> None:
     fixed = length((240, 180), max_events=5000, window=0.2)
     fixed.add(10**6, 10**6, 0.05)
     assert fixed.limits(motion) == (0.2, 5000)

@@ -23,6 +23,7 @@ from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 
 HEIGHT, WIDTH = 12, 16
 LENS = Camera((WIDTH, HEIGHT), np.array([20.0, 20, 8, 6]), "none", np.zeros(4), np.eye(3))
+UNKNOWN = ImageMotion()
 RIG = StereoRig(LENS, LENS, 20.0, (8.0, 6.0), 0.1)
 seeds = st.integers(0, 2**32)
 
@@ -52,7 +53,7 @@ def clusters(
     right: Events,
     cuts: list[float],
     config: ClusteringConfig,
-    motion: ImageMotion | None = None,
+    motion: ImageMotion = UNKNOWN,
 ) -> list[StereoCluster]:
     batches = event_batches(left, right, cuts)
     return list(cluster_events(batches, RIG, config, lambda: motion))
@@ -67,7 +68,7 @@ configs = st.builds(
     hot_pixel_ratio=st.just(0.0),
 )
 motions = st.sampled_from(
-    [None, ImageMotion(10.0), ImageMotion(60.0, 500.0), ImageMotion(1000.0, 100.0)]
+    [UNKNOWN, ImageMotion(10.0), ImageMotion(60.0, 500.0), ImageMotion(1000.0, 100.0)]
 )
 cut_lists = st.lists(st.floats(0, 1), max_size=30)
 
@@ -110,7 +111,7 @@ def test_a_cluster_ends_by_time_or_by_the_count_of_either_camera(
 @given(seeds, cut_lists, configs | st.just(ClusteringConfig()), motions)
 @settings(deadline=None, max_examples=60)
 def test_clusters_do_not_depend_on_the_batches(
-    seed: int, cuts: list[float], config: ClusteringConfig, motion: ImageMotion | None
+    seed: int, cuts: list[float], config: ClusteringConfig, motion: ImageMotion
 ) -> None:
     """Nor do the noise filter's and the flash detector's judgement, however far ahead events go."""
     left, right = random_stream(seed)
@@ -213,12 +214,12 @@ def test_clusters_are_apart_while_time_is_short(
 def test_clusters_are_not_apart_where_the_motion_is_unknown() -> None:
     """From 0.3 to 0.48 s, say."""
     left, right = random_stream(1)
-    known: list[ImageMotion | None] = [ImageMotion(1.0)]
+    known: list[ImageMotion] = [ImageMotion(1.0)]
     clustering, starts = Clustering(RIG, ClusteringConfig(window=0.05), lambda: known[0]), []
     clustering.hurry(3.0)
     for cluster in clustering.clusters(event_batches(left, right, [])):
         starts.append(cluster.start)
-        known[0] = None if 0.29 < cluster.start < 0.48 else ImageMotion(1.0)
+        known[0] = UNKNOWN if 0.29 < cluster.start < 0.48 else ImageMotion(1.0)
     expected = [0.0, 0.15, 0.3, 0.35, 0.4, 0.45, 0.5, 0.65, 0.8, 0.95]
     np.testing.assert_allclose(starts, expected, atol=1e-9)
 
