@@ -80,8 +80,9 @@ def read_text_unfinished(file: Path) -> bool:
     return UNFINISHED in file.read_text()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("delay", [0.5, 1.5, 3.0])
+@pytest.mark.parametrize(
+    ("delay", "number"), [(0.5, signal.SIGTERM), (1.5, signal.SIGINT), (3.0, signal.SIGTERM)]
+)
 def test_the_end_may_come_at_any_time(
     recording: RecordingFiles, tmp_path: Path, number: signal.Signals, delay: float
 ) -> None:

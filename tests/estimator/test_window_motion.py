@@ -36,7 +36,7 @@ def between_neighbours(smoother: FixedLagSmoother) -> list[list[int]]:
 
 def moved(noise: NoiseConfig, given: NoiseConfig, missing: range = range(0)) -> FixedLagSmoother:
     """A smoother of 1 s of motion with one noise, that was given another; clusters may be empty."""
-    simulation, rng = TrackletSimulation(noise, per_cluster=30), np.random.default_rng(3)
+    simulation, rng = TrackletSimulation(noise, per_cluster=12), np.random.default_rng(3)
     smoother = FixedLagSmoother(simulation.camera, given, EstimatorConfig(bridge=0.3))
     for number, (end_time, new) in enumerate(simulation.clusters(simulation.motion(1.0, rng), rng)):
         used = smoother.noise.acceleration_psd
