@@ -39,6 +39,7 @@ DEPARTURES: dict[str, tuple[str, ...]] = {
         "noise.motion_memory",
         "noise.measurement_memory",
     ),
+    "no acceleration ahead": ("noise.acceleration_memory",),
     "no threshold in pixels": ("mc_ransac.pixel_threshold",),
     "all samples drawn, refined once": ("mc_ransac.confidence", "mc_ransac.refinements"),
     "least squares": ("estimator.loss", "estimator.loss_scale"),

@@ -20,6 +20,7 @@ from factors.checks import (
     checked_key,
     checked_number,
     checked_numbers,
+    checked_vector,
 )
 from factors.factor import Factor
 from factors.kernels.local_variables import EXACT, FIRST_ORDER
@@ -73,7 +74,10 @@ class MotionPrior(Factor):
         size = len(made_of["qc"]) if self.space is None else len(self.space.columns)
         W = whitening(made_of["qc"], size)
         higher = FIRST_ORDER if made_of.get("approximate_jacobians") else EXACT
-        self._prior = PriorError(self.space, self.order, keys, made_of["dt"], W, higher)
+        mean = made_of.get("acceleration")
+        if mean is not None:
+            mean = made_of["acceleration"] = checked_vector("acceleration", mean, size)
+        self._prior = PriorError(self.space, self.order, keys, made_of["dt"], W, higher, mean)
         pose, rate = self._prior.kinds
         variables = [
             Variable(name, key, pose if name.startswith("pose") else rate)
@@ -142,10 +146,13 @@ class WnoaPriorFactor(MotionPrior):
     """White noise on acceleration of a gtsam.Pose3; rates are body twists, rotation first, 6.
 
     With `approximate_jacobians` it uses the paper's first-order E_21 and E_23 instead of the exact
-    Jacobians.
+    Jacobians. `acceleration` (6,), by default 0, is the mean a of the acceleration, which the white
+    noise is about: the error is [xi - dt v_i - dt^2 / 2 a, w - v_i - dt a]. What lies between two
+    given states is the same for any mean.
     """
 
-    order, space, options = 2, IN_SPACE, {"approximate_jacobians": False}
+    order, space = 2, IN_SPACE
+    options: ClassVar[Mapping[str, Any]] = {"approximate_jacobians": False, "acceleration": None}
 
     @overload
     def __init__(
@@ -157,11 +164,17 @@ class WnoaPriorFactor(MotionPrior):
         dt: float,
         qc: ArrayLike,
         approximate_jacobians: bool = False,
+        acceleration: ArrayLike | None = None,
     ) -> None: ...
 
     @overload
     def __init__(
-        self, state_i: State, state_j: State, qc: ArrayLike, approximate_jacobians: bool = False
+        self,
+        state_i: State,
+        state_j: State,
+        qc: ArrayLike,
+        approximate_jacobians: bool = False,
+        acceleration: ArrayLike | None = None,
     ) -> None: ...
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:

@@ -52,6 +52,7 @@ class PriorError:
         dt: float,
         W: Array,
         higher: float,
+        acceleration: Array | None = None,
     ) -> None:
         self._space, self._order, self._keys, self._dt, self._W = space, order, keys, dt, W
         self.size = order * len(W)
@@ -63,10 +64,14 @@ class PriorError:
             S = np.linalg.qr(kronecker(information_root(dt, order), W), mode="r")
             self.model = gtsam.noiseModel.Gaussian.SqrtInformation(S, False)
         else:
-            self.evaluate = self._of_poses(space, higher)
+            mean = np.zeros(len(W)) if acceleration is None else acceleration
+            self.evaluate = self._of_poses(space, higher, mean)
 
-    def _of_poses(self, space: Space, higher: float) -> Evaluate:
-        """Error function of poses, whose Jacobians beyond first order have the weight `higher`."""
+    def _of_poses(self, space: Space, higher: float, acceleration: Array) -> Evaluate:
+        """Error function of poses, whose Jacobians beyond first order have the weight `higher`.
+
+        `acceleration` (n,) is the mean of that of WNOA.
+        """
         blocks = blocks_of(self.size, (len(self._W),) * (2 * self._order))
         places, root = (
             np.array([*space.columns, *space.axes]),
@@ -98,7 +103,7 @@ class PriorError:
             return jerk_error
         diagonal = float(np.count_nonzero(W) == len(W))
         scalars = self._dt, root[0, 0], root[0, 1], root[1, 1]
-        constants = np.r_[scalars, higher, diagonal, W.ravel()]
+        constants = np.r_[scalars, higher, diagonal, W.ravel(), acceleration]
         pose_i, v_i, pose_j, v_j = keys
 
         def error(values: gtsam.Values, jacobians: Jacobians) -> Array:

@@ -57,12 +57,12 @@ def whitened_wnoa_kernel(
 
     The error is whitened by the Kronecker product of [[a, b], [0, c]] and a lower triangular W (n,
     n). The constants are dt, a, b, c, the weight of Jacobians beyond first order, whether W is
-    diagonal, and W.
+    diagonal, W, and the mean acceleration (n,).
     """
     n = len(v_i)
     dt, a, b, c = constants[0], constants[1], constants[2], constants[3]
-    higher, diagonal, W = constants[4], constants[5] > 0, constants[6:].reshape(n, n)
-    twist_j, error = v_j, error_at(outputs, 2 * n)
+    higher, diagonal, W = constants[4], constants[5] > 0, constants[6:-n].reshape(n, n)
+    mean, twist_j, error = constants[-n:], v_j, error_at(outputs, 2 * n)
     if n == 6:
         T = relative_kernel(pose_i, pose_j)
     else:
@@ -74,8 +74,8 @@ def whitened_wnoa_kernel(
     for i in range(n):
         top, bottom = 0.0, 0.0
         for k in range(i if diagonal else 0, i + 1):
-            top += W[i, k] * (local[places[k]] - dt * v_i[k])
-            bottom += W[i, k] * (rate[places[k]] - v_i[k])
+            top += W[i, k] * (local[places[k]] - dt * (v_i[k] + 0.5 * dt * mean[k]))
+            bottom += W[i, k] * (rate[places[k]] - v_i[k] - dt * mean[k])
         error[i], error[n + i] = a * top + b * bottom, c * bottom
     if not derivatives:
         return

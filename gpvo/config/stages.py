@@ -520,6 +520,13 @@ class NoiseConfig(StageConfig):
         description="How long the motion is remembered that Q_c follows, seconds: "
         "`acceleration_psd` is where it starts. 0 keeps that value, as in the paper.",
     )
+    acceleration_memory: float = Field(
+        default=0.0,
+        ge=0,
+        description="The white noise on acceleration in the latest two updates is about the mean "
+        "before them, over this many times an update's time: where the motion goes on is measured "
+        "later. 0 has it about zero, as in the paper.",
+    )
     measurement_memory: float = Field(
         default=0.0,
         ge=0,

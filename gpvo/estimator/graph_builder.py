@@ -78,17 +78,24 @@ class GraphBuilder:
         ]
 
     def motion(
-        self, states: Sequence[int], t: Array, density: Array | None = None
+        self,
+        states: Sequence[int],
+        t: Array,
+        density: Array | None = None,
+        acceleration: Array | None = None,
     ) -> list[gtsam.NonlinearFactor]:
         """Make the WNOA prior between each state and the next; t (K,) are their times, seconds.
 
-        `density` (K - 1, 6) are the diagonals of Q_c between them, by default the configured one.
+        `density` (K - 1, 6) are the diagonals of Q_c between them, by default the configured one,
+        and `acceleration` (K - 1, 6) is the mean there, by default 0.
         """
         dt = np.diff(t)
         density = np.tile(self.qc, (len(dt), 1)) if density is None else density
+        mean = np.zeros((len(dt), 6)) if acceleration is None else acceleration
+        pairs = zip(states[:-1], states[1:], dt, density, mean, strict=True)
         return [
-            WnoaPriorFactor(X(i), V(i), X(j), V(j), step, qc)
-            for i, j, step, qc in zip(states[:-1], states[1:], dt, density, strict=True)
+            WnoaPriorFactor(X(i), V(i), X(j), V(j), step, qc, acceleration=a)
+            for i, j, step, qc, a in pairs
         ]
 
     def reprojection(

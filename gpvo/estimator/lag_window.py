@@ -201,10 +201,10 @@ class LagWindow:
 
     def extend(self, update: GraphUpdate, t: Array, twist: Array) -> None:
         """Add key states at times t (N,), moving at a twist (6,)."""
-        last, count = self.keys.t[-1], len(self)
+        last, count, known = float(self.keys.t[-1]), len(self), self.keys[: self.solved]
         self.keys = States.concatenate([self.keys, self.keys[-1:].at(t, twist)])
         update.add_states(self.numbered.after(count))
-        self._reckoning.extend(float(last), float(t[-1]))
+        self.motion.extend(known, last, float(t[-1]))
 
     def follow_motion(self, update: GraphUpdate) -> None:
         """Tie the key states that stay by WNOA priors with the Q_c that is known now."""

@@ -39,9 +39,11 @@ class LearnedNoise:
             found["measurement_information"] = tuple(self._errors.information.tolist())
         return scaled(self._start.model_copy(update=found), VARIANCES, self._times)
 
-    def learn_motion(self, states: States, covariance: Array, linearized: States | None) -> None:
+    def learn_motion(
+        self, states: States, covariance: Array, linearized: States | None, acceleration: Array
+    ) -> None:
         """Learn Q_c, see `MotionNoise.learn`."""
-        self._motion.learn(states, covariance / self._times, linearized)
+        self._motion.learn(states, covariance / self._times, linearized, acceleration)
 
     def learn_errors(self, landmarks: WindowLandmarks, window: NumberedStates) -> None:
         """Learn R from the measurements in the window, if that is due."""

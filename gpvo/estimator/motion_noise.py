@@ -62,16 +62,23 @@ class MotionNoise:
         scale = (sums[0] + POOLED * mean) / (sums[1] + POOLED)
         return self._start * np.clip(scale.ravel(), LEAST, MOST)
 
-    def learn(self, states: States, covariance: Array, linearized: States | None = None) -> None:
+    def learn(
+        self,
+        states: States,
+        covariance: Array,
+        linearized: States | None = None,
+        acceleration: Array | None = None,
+    ) -> None:
         """Add what is known of consecutive states and their covariance (12 K, 12 K).
 
         What was said of intervals that are still among them is replaced. `linearized` are the
-        states at which that covariance was found, by default the same.
+        states at which that covariance was found, by default the same. `acceleration` (K - 1, 6) is
+        the mean that the priors between them have, by default 0.
         """
         if len(states) < 2:
             return
         qc = self.qc
-        window = interval_sums(states, covariance, linearized or states, qc)
+        window = interval_sums(states, covariance, linearized or states, qc, acceleration)
         if not np.isfinite(window).all():
             return
         window[0] *= (qc / self._start)[:, None]
@@ -86,10 +93,16 @@ class MotionNoise:
         self._past += self._window[:, :, self._stops <= t[0] + SAME_TIME].sum(axis=2)
 
 
-def interval_sums(states: States, covariance: Array, linearized: States, qc: Array) -> Array:
+def interval_sums(
+    states: States,
+    covariance: Array,
+    linearized: States,
+    qc: Array,
+    acceleration: Array | None = None,
+) -> Array:
     """Compute each interval's share (2, 6, K - 1) of y^T P y and tr(P G), by axis."""
     size, root = len(states) - 1, information_root(np.diff(states.t))
-    white = np.einsum("kab,kbi->kai", root, wnoa_errors(states))
+    white = np.einsum("kab,kbi->kai", root, wnoa_errors(states, acceleration))
     y = (white / np.sqrt(qc)).transpose(2, 0, 1).reshape(6, 2 * size)
     jacobian = axis_jacobians(linearized, root)
     P = jacobian @ covariance @ jacobian.swapaxes(1, 2) / qc[:, None, None]
@@ -121,9 +134,14 @@ def white_jacobian(states: States, root: Array) -> Array:
     return np.asarray(np.einsum("kab,kbin->kain", root, jacobian))
 
 
-def wnoa_errors(states: States) -> Array:
-    """Compute the errors (K - 1, 2, 6) of the WNOA prior between consecutive states."""
+def wnoa_errors(states: States, acceleration: Array | None = None) -> Array:
+    """Compute the errors (K - 1, 2, 6) of the WNOA prior between consecutive states.
+
+    `acceleration` (K - 1, 6) is its mean, by default 0.
+    """
     twist = se3_log(se3_inverse(states.T_world_cam[:-1]) @ states.T_world_cam[1:])
     later = (se3_right_jacobian_inverse(twist) @ states.twist[1:, :, None])[..., 0]
     before, dt = states.twist[:-1], np.diff(states.t)[:, None]
-    return np.stack([twist - dt * before, later - before], axis=1)
+    mean = np.zeros(6) if acceleration is None else acceleration
+    expected = dt * (before + 0.5 * dt * mean), before + dt * mean
+    return np.stack([twist - expected[0], later - expected[1]], axis=1)

@@ -316,7 +316,8 @@ class FixedLagSmoother:
         window = self._window
         solved, steady = window.keys[: window.solved], not self._reckoning.in_window
         if steady and len(solved) > 1 and self.noise.motion_memory > 0:
-            self._learned.learn_motion(solved, window.covariance(), window.linearized())
+            known = window.covariance(), window.linearized()
+            self._learned.learn_motion(solved, *known, window.motion.acceleration(solved.t))
         self._learned.learn_errors(window.landmarks, window.numbered)
 
     def _let_leave(self) -> None:

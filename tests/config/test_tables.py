@@ -28,6 +28,7 @@ WITHOUT_UNIT = {
     "picture",
     "feature_rate",
     "velocity_share",
+    "acceleration_memory",
     "acceleration_psd",
 }
 """Ratios, levels of grey, numbers per pixel or second, and Q_c, whose halves have own units."""

@@ -31,8 +31,9 @@ from factors import (
     prior_square_root_information,
     to_dict,
 )
+from factors.factor import original
 from factors.kernels.jerk import local_motion_kernel, retract_motion_kernel, wnoj_kernel
-from factors.lie import se3_exp
+from factors.lie import se3_exp, se3_right_jacobian
 
 Array = NDArray[np.float64]
 
@@ -120,6 +121,35 @@ def test_errors_are_gtsams(prior: Any, native: Any) -> None:
     data = [gtsam.StateData(X(k), V(k), k * dt) for k in range(2)]
     ours, theirs = prior(*data, qc_of(prior)), native(*data, qc_of(prior))
     np.testing.assert_allclose(ours.error(values), theirs.error(values), rtol=1e-9)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 0.1, 0.5])
+def test_white_noise_about_an_acceleration(dt: float) -> None:
+    """Local variables that move at it have no error, and the derivatives are those about zero."""
+    rng = np.random.default_rng(7)
+    start, (v, a) = se3_exp(rng.normal(size=6)), rng.normal(size=(2, 6))
+    xi = dt * v + 0.5 * dt**2 * a
+    values = gtsam.Values()
+    values.insert(X(0), gtsam.Pose3(start))
+    values.insert(V(0), v)
+    values.insert(X(1), gtsam.Pose3(start @ se3_exp(xi)))
+    values.insert(V(1), se3_right_jacobian(xi) @ (v + dt * a))
+    made_of = X(0), V(0), X(1), V(1), dt, qc_of(WnoaPriorFactor, True)
+    about_mean, about_zero = WnoaPriorFactor(*made_of, acceleration=a), WnoaPriorFactor(*made_of)
+    scale = np.abs(about_zero.unwhitenedError(values)).max()
+    assert np.abs(about_mean.unwhitenedError(values)).max() < 1e-9 * scale
+    with_mean, without = (f.linearize(values).jacobian()[0] for f in (about_mean, about_zero))
+    np.testing.assert_array_equal(with_mean, without)
+    assert about_mean.equals(original(from_dict(to_dict(graph_of(about_mean))).at(0)))
+    assert not about_mean.equals(about_zero)
+    with pytest.raises(ValueError, match=r"acceleration must"):
+        WnoaPriorFactor(*made_of, acceleration=a[:5])
+
+
+def graph_of(factor: gtsam.NonlinearFactor) -> gtsam.NonlinearFactorGraph:
+    graph = gtsam.NonlinearFactorGraph()
+    graph.add(factor)
+    return graph
 
 
 @each_prior
