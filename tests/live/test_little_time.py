@@ -54,7 +54,7 @@ def off(trajectory: Trajectory, t: NDArray[np.float64], seed: int = 5) -> NDArra
 
 
 def test_with_a_quarter_of_the_time_and_half_of_the_features_the_path_is_nearly_as_good() -> None:
-    seeds = range(5, 8)  # one room may be lucky
+    seeds = range(5, 7)  # one room may be lucky
     wholes = [run(lambda t: True, seed=seed) for seed in seeds]
     leasts = [run(lambda t: True, FEWEST, WIDEST, seed) for seed in seeds]
     (whole, _), (least, _) = wholes[0], leasts[0]
