@@ -523,9 +523,9 @@ class NoiseConfig(StageConfig):
     acceleration_memory: float = Field(
         default=0.0,
         ge=0,
-        description="The white noise on acceleration in the latest two updates is about the mean "
-        "before them, over this many times an update's time: where the motion goes on is measured "
-        "later. 0 has it about zero, as in the paper.",
+        description="The acceleration in the latest two updates, which only later ones measure, is "
+        "white noise about its mean before them, in this many times an update's time. 0 has it "
+        "about zero, as in the paper.",
     )
     measurement_memory: float = Field(
         default=0.0,

@@ -91,7 +91,7 @@ class GraphBuilder:
         """
         dt = np.diff(t)
         density = np.tile(self.qc, (len(dt), 1)) if density is None else density
-        mean = np.zeros((len(dt), 6)) if acceleration is None else acceleration
+        mean = [None] * len(dt) if acceleration is None else acceleration
         pairs = zip(states[:-1], states[1:], dt, density, mean, strict=True)
         return [
             WnoaPriorFactor(X(i), V(i), X(j), V(j), step, qc, acceleration=a)

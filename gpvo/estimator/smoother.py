@@ -316,8 +316,9 @@ class FixedLagSmoother:
         window = self._window
         solved, steady = window.keys[: window.solved], not self._reckoning.in_window
         if steady and len(solved) > 1 and self.noise.motion_memory > 0:
-            known = window.covariance(), window.linearized()
-            self._learned.learn_motion(solved, *known, window.motion.acceleration(solved.t))
+            covariance, linearized = window.covariance(), window.linearized()
+            acceleration = window.motion.acceleration(solved.t)
+            self._learned.learn_motion(solved, covariance, linearized, acceleration)
         self._learned.learn_errors(window.landmarks, window.numbered)
 
     def _let_leave(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,9 +30,8 @@ def accelerated(duration: float, back: float = np.inf) -> States:
     """A motion whose twist grows with time, and falls again after `back` seconds."""
     t = np.arange(0, duration + 1e-9, 0.005)
     twist = np.where(t < back, t, 2 * back - t)[:, None] * ACCELERATION
-    T = [np.eye(4)]
-    for xi in 0.5 * (twist[1:] + twist[:-1]) * np.diff(t)[:, None]:
-        T.append(T[-1] @ se3_exp(xi))
+    xi = 0.5 * (twist[1:] + twist[:-1]) * np.diff(t)[:, None]
+    T = list(accumulate(se3_exp(xi), np.matmul, initial=np.eye(4)))
     return States(t, np.array(T), twist)
 
 

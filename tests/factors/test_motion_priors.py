@@ -14,6 +14,7 @@ from graphs import assert_derivatives_match, derivative
 from gtsam.symbol_shorthand import A, V, X
 from numpy.typing import NDArray
 from test_covariance import inverse_information
+from windows import graph_of
 
 from factors import (
     WnoaPriorFactor,
@@ -31,7 +32,6 @@ from factors import (
     prior_square_root_information,
     to_dict,
 )
-from factors.factor import original
 from factors.kernels.jerk import local_motion_kernel, retract_motion_kernel, wnoj_kernel
 from factors.lie import se3_exp, se3_right_jacobian
 
@@ -140,16 +140,10 @@ def test_white_noise_about_an_acceleration(dt: float) -> None:
     assert np.abs(about_mean.unwhitenedError(values)).max() < 1e-9 * scale
     with_mean, without = (f.linearize(values).jacobian()[0] for f in (about_mean, about_zero))
     np.testing.assert_array_equal(with_mean, without)
-    assert about_mean.equals(original(from_dict(to_dict(graph_of(about_mean))).at(0)))
+    assert about_mean.equals(from_dict(to_dict(graph_of(about_mean))).at(0))
     assert not about_mean.equals(about_zero)
     with pytest.raises(ValueError, match=r"acceleration must"):
         WnoaPriorFactor(*made_of, acceleration=a[:5])
-
-
-def graph_of(factor: gtsam.NonlinearFactor) -> gtsam.NonlinearFactorGraph:
-    graph = gtsam.NonlinearFactorGraph()
-    graph.add(factor)
-    return graph
 
 
 @each_prior
@@ -439,9 +433,7 @@ def test_manners_are_those_of_all_factors(prior: Any) -> None:
     assert not factor.equals(make(prior, 0.2))
     by_states = prior(*((*keys_of(prior, k), k * dt) for k in range(2)), qc_of(prior))
     assert by_states.equals(factor)
-    graph = gtsam.NonlinearFactorGraph()
-    graph.add(factor)
-    assert factor.equals(from_dict(to_dict(graph)).at(0))
+    assert factor.equals(from_dict(to_dict(graph_of(factor))).at(0))
     values = states(prior, 0, dt)
     values.erase(V(1))
     values.insert(V(1), np.zeros(size + 1))
