@@ -17,7 +17,7 @@ from factors.incremental import Incremental, joint_marginals
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.kernels.between import extrapolated_jacobian_kernel, state_between_kernel
 from factors.kernels.compiled import kernel
-from factors.kernels.se3 import Array
+from factors.kernels.se3 import Array, copy_kernel
 from factors.variables import State, as_state, checked_keys, fault_of, variables_at
 
 Index = NDArray[np.int64]
@@ -216,9 +216,12 @@ def _jacobians(T: Array, v: Array, times: Array, border: Index, t: Array, jacobi
     for n in range(len(t)):
         i = border[n]
         if t[n] < times[0]:
-            jacobian[n, :, :12] = extrapolated_jacobian_kernel(v[0], t[n] - times[0])
+            before = extrapolated_jacobian_kernel(v[0], t[n] - times[0])
+            copy_kernel(before, jacobian[n, :, :12])
         elif t[n] > times[last]:
-            jacobian[n, :, 12:] = extrapolated_jacobian_kernel(v[last], t[n] - times[last])
+            after = extrapolated_jacobian_kernel(v[last], t[n] - times[last])
+            copy_kernel(after, jacobian[n, :, 12:])
         else:
             a, b = t[n] - times[i], times[i + 1] - t[n]
-            jacobian[n] = state_between_kernel(T[i], v[i], T[i + 1], v[i + 1], a, b, pose, twist)
+            ends = T[i], v[i], T[i + 1], v[i + 1]
+            copy_kernel(state_between_kernel(*ends, a, b, pose, twist), jacobian[n])

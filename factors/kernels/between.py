@@ -57,7 +57,10 @@ def retracted_jacobian_kernel(local: Array, by_local: Array) -> Array:
     `by_local` (12, n) is that of (xi, w), and the first six of the n columns are T_i's.
     """
     result = product_kernel(state_by_local_kernel(local), by_local)
-    result[:6, :6] += backward_adjoint_kernel(local)
+    adjoint = backward_adjoint_kernel(local)
+    for i in range(6):
+        for j in range(6):
+            result[i, j] += adjoint[i, j]
     return result
 
 

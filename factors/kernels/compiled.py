@@ -1,7 +1,8 @@
 """How kernels are compiled by numba, here and in packages that are built on this one.
 
 Compilation delays the first run. Wrappers that nobody calls are therefore left out, and divisions
-by zero give infinity as in numpy, so that no error is compiled for them.
+by zero give infinity as in numpy, so that no error is compiled for them. No kernel assigns an array
+or a tuple to a part of another: the message that they do not fit, `a[i] = b`, takes seconds.
 """
 
 from __future__ import annotations

@@ -23,7 +23,6 @@ from factors.kernels.se3 import (
     jacobian_coefficients_kernel,
     log_kernel,
     polynomial_derivative_kernel,
-    product_kernel,
     relative_kernel,
     se3_polynomial_kernel,
 )
@@ -47,6 +46,16 @@ def along_kernel(xi: Array, w: Array, v: Array) -> tuple[Array, Array]:
     return first, second
 
 
+@inner_kernel
+def _chain_kernel(by_inner: Array, inner: float, outer: float, jacobian: Array) -> None:
+    """Add the derivatives (6, 6) by six rows of a Jacobian (n, 25) times these, to six others."""
+    first, to = int(inner), int(outer)
+    for i in range(6):
+        for k in range(6):
+            for j in range(18):
+                jacobian[to + i, j] += by_inner[i, k] * jacobian[first + k, j]
+
+
 @kernel
 def local_motion_kernel(T_i: Array, T_j: Array, v_j: Array, a_j: Array) -> Array:
     """Compute the local variables xi, w, u and their Jacobian: (18, 25).
@@ -68,13 +77,12 @@ def local_motion_kernel(T_i: Array, T_j: Array, v_j: Array, a_j: Array) -> Array
     for i in range(6):
         for j in range(6):
             result[i, j], result[i, 6 + j] = -left[i, j], right[i, j]
+            result[6 + i, 12 + j] = result[12 + i, 18 + j] = right[i, j]
+            result[12 + i, 12 + j] = u_by_v[i, j]
     # w = Jr^-1 v and u = Jr^-1 a + (dw/dxi) w, both of xi: one chain rule after the other.
-    result[6:12, :12] = product_kernel(w_by_xi, result[:6, :12])
-    result[6:12, 12:18] = right
-    result[12:, :18] = product_kernel(w_by_xi, result[6:12, :18])
-    result[12:, :12] += product_kernel(u_by_xi, result[:6, :12])
-    result[12:, 12:18] += u_by_v
-    result[12:, 18:24] = right
+    _chain_kernel(w_by_xi, 0.0, 6.0, result)
+    _chain_kernel(w_by_xi, 6.0, 12.0, result)
+    _chain_kernel(u_by_xi, 0.0, 12.0, result)
     for i in range(6):
         result[i, 24], result[6 + i, 24] = xi[i], w[i]
         for j in range(6):
@@ -92,7 +100,9 @@ def wnoj_kernel(
     """
     local = local_motion_kernel(T_i, T_j, v_j, a_j)
     result = np.zeros((18, 37))
-    result[:, :6], result[:, 18:] = local[:, :6], local[:, 6:]
+    for i in range(18):
+        for j in range(25):
+            result[i, j if j < 6 else 12 + j] = local[i, j]
     for i in range(6):
         result[i, 6 + i] = result[6 + i, 12 + i] = -dt
         result[6 + i, 6 + i] = result[12 + i, 12 + i] = -1.0

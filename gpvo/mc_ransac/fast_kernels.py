@@ -24,7 +24,8 @@ def moved_points(points: Array, dt: Array, velocity: Array) -> Array:
     """Compute where static points (N, 3) are in the camera frame after dt (N,): Exp(-dt v) p."""
     moved = np.empty_like(points)
     for i in range(len(points)):
-        moved[i] = move(points[i, 0], points[i, 1], points[i, 2], dt[i], velocity)
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        moved[i, 0], moved[i, 1], moved[i, 2] = move(x, y, z, dt[i], velocity)
     return moved
 
 

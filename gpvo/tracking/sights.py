@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from factors.kernels.compiled import kernel
+from factors.kernels.se3 import copy_kernel
 from factors.lie import se3_inverse
 from gpvo.array_table import ArrayTable
 
@@ -119,7 +120,7 @@ def _warp_kernel(
             warps[i, 2, k] = slope[2, k] / camera[k]
         area = warps[i, 0, 0] * warps[i, 1, 1] - warps[i, 0, 1] * warps[i, 1, 0]
         if not (LARGEST**-2 < area < LARGEST**2 and now[i, 2] > 0):
-            warps[i] = UPRIGHT
+            copy_kernel(UPRIGHT, warps[i])
     return warps
 
 

@@ -264,13 +264,10 @@ def test_a_cluster_is_estimated_while_the_caller_goes_on_and_close_waits_for_it(
         threads.append(get_ident())
 
     live = LiveOdometry(room().rig, CONFIG, observer=wait_for_the_caller)
-    returned = []
-    for start in np.arange(0, 0.5, 0.01):
-        if began.is_set():
-            break
-        sides = (side.between(start, start + 0.01) for side in (room().left, room().right))
-        returned += live.push(*map(raw, sides))
-    assert began.is_set() and returned == [] and threads == []
+    first, second = (report.stop for report in whole()[1][:2])  # the next is waited for
+    sides = [side.between(0.0, (first + second) / 2) for side in (room().left, room().right)]
+    returned = live.push(*map(raw, sides))
+    assert began.wait(timeout=60) and returned == [] and threads == []
     goes_on.set()
     live.close()
     assert len(threads) == len(live.reports) > 0 and get_ident() not in threads

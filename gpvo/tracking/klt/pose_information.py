@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from factors.kernels.compiled import kernel
+from factors.kernels.se3 import copy_kernel, copy_vector_kernel
 from factors.lie import se3_inverse
 from gpvo.tracking.pose_of_matches import jacobian_of_pose
 from gpvo.tracking.sights import move
@@ -61,11 +62,11 @@ def _frames_in_view_kernel(
 ) -> NDArray[np.int64]:
     frames, now, there = np.zeros(len(points), np.int64), np.empty(3), np.empty(3)
     for i in range(len(points)):
-        now[:] = points[i]
+        copy_vector_kernel(points[i], now)
         while frames[i] < HORIZON and _is_in_view(camera, shape, now):
             frames[i] += 1
             move(T_next_now, now, there)
-            now[:] = there
+            copy_vector_kernel(there, now)
     return frames
 
 
@@ -98,7 +99,7 @@ def _most_telling_kernel(covariance: Array, rows: Array, count: int) -> Mask:
     for number in range(min(count, len(rows))):
         best = np.argmax(most)
         while asked[best] < number:
-            tried[:] = covariance
+            copy_kernel(covariance, tried)
             most[best], asked[best] = _learn(tried, rows[best]), number
             best = np.argmax(most)
         chosen[best], most[best] = True, -np.inf
