@@ -68,7 +68,7 @@ def test_a_piece_whose_end_stays_stays() -> None:
 @pytest.mark.parametrize("interval", [0.0, 0.1])
 def test_velocities_between_final_states_are_honest(interval: float) -> None:
     """Mean NEES at the middle of clusters that have left the window one after the other."""
-    runs, values = 24, []
+    runs, values = 14, []
     config = EstimatorConfig(window=4, state_interval=interval)
     for seed in range(runs):
         rng, simulation = np.random.default_rng(seed), TrackletSimulation(POINTS, 6)

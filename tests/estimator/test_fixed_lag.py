@@ -363,7 +363,7 @@ ENDS, BETWEEN = np.array([0.15, 0.3, 0.35]), np.array([0.17, 0.225, 0.31, 0.375]
 @pytest.mark.parametrize("interval", INTERVALS)
 def test_covariances_are_honest_at_the_clusters_ends_and_between(interval: float) -> None:
     """Mean NEES over simulated runs; the benchmark does it with a hundred."""
-    runs, values = 24, []
+    runs, values = 14, []
     config = EstimatorConfig(window=4, state_interval=interval)
     for seed in range(runs):
         rng, simulation = np.random.default_rng(seed), TrackletSimulation(POINTS, 6)

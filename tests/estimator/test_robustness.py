@@ -167,8 +167,9 @@ INTERVALS = (0.0, 0.025)
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("interval", INTERVALS)
+@pytest.mark.parametrize(
+    "method, interval", [("fixed_lag", 0.0), ("fixed_lag", 0.025), ("batch", 0.025)]
+)
 def test_it_goes_on(case: Callable[[], list[Cluster]], method: str, interval: float) -> None:
     clusters = case()
     trajectory, diagnostics = run(clusters, method=method, state_interval=interval)
@@ -227,7 +228,7 @@ def faulty(rng: np.random.Generator) -> list[Cluster]:
     return clusters
 
 
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(deadline=None, max_examples=25, derandomize=True)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from(METHODS),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -84,7 +85,7 @@ def window(image: Image, dx: int, dy: int) -> Image:
     return image[top - dy : top - dy + HEIGHT, left - dx : left - dx + WIDTH]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MovingPlane:
     """Textured plane at Z = `depth` of the world, seen by a camera with constant body twist.
 
@@ -119,14 +120,19 @@ class MovingPlane:
 
     def images(self, frame: int) -> tuple[Image, Image]:
         """Draw the left and right binary image of a frame."""
-        v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
-        pixels = np.column_stack([u.ravel(), v.ravel()])
-        scale = CAMERA.fx / self.depth
-        shown = []
-        for offset in (0.0, CAMERA.baseline):
-            points = self.plane_points(frame, pixels, offset) * scale
-            shown.append(contours(self.texture(points[:, 0], points[:, 1])).reshape(HEIGHT, WIDTH))
-        return shown[0], shown[1]
+        return _images(self, frame)
+
+
+@cache
+def _images(plane: MovingPlane, frame: int) -> tuple[Image, Image]:
+    v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    scale = CAMERA.fx / plane.depth
+    shown = []
+    for offset in (0.0, CAMERA.baseline):
+        points = plane.plane_points(frame, pixels, offset) * scale
+        shown.append(contours(plane.texture(points[:, 0], points[:, 1])).reshape(HEIGHT, WIDTH))
+    return shown[0], shown[1]
 
 
 def cluster_of(left: Image, right: Image, start: float = 0.0) -> StereoCluster:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from front_end_scenes import HEIGHT, WIDTH, Texture
+from numpy.typing import NDArray
 from shown_events import shown
 
 from gpvo.config import TrackingConfig
@@ -17,12 +20,18 @@ NEAR = 0.1
 """Value of the texture up to which a pixel is part of a contour."""
 
 
+@cache
+def contours() -> NDArray[np.float64]:
+    """Return the pixels (N, 2) of contours, in view and a width beside it."""
+    v, u = np.mgrid[0:HEIGHT, -WIDTH : 2 * WIDTH].astype(np.float64)
+    on = np.abs(Texture(7)(u, v)) < NEAR
+    return np.stack([u[on], v[on]], axis=1)
+
+
 def events(number: int, speed: float, shift: float) -> ClusterEvents:
     """Simulate contours that move to the right, pixels per second, each at random times."""
     rng = np.random.default_rng(number)
-    v, u = np.mgrid[0:HEIGHT, -WIDTH : 2 * WIDTH].astype(np.float64)
-    on = np.abs(Texture(7)(u, v)) < NEAR
-    points = np.repeat(np.stack([u[on], v[on]], axis=1), 5, axis=0)
+    points = np.repeat(contours(), 5, axis=0)
     t = np.sort(rng.uniform(STEP * number, STEP * (number + 1), len(points)))
     points = rng.permutation(points) + t[:, None] * [speed, 0.0] - [shift, 0.0]
     seen = np.all((points >= 0) & (points <= [WIDTH - 1, HEIGHT - 1]), axis=1)

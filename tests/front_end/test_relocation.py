@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -31,6 +33,7 @@ MOTIONS = {
 }
 
 
+@cache
 def plane(seed: int) -> NDArray[np.uint8]:
     return random_picture(seed, (600, 600))
 

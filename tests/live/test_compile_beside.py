@@ -53,7 +53,7 @@ class WithoutSome(RecordingPlayer):
         some = list(super().packets())
         yield from some[:100] + some[250:]
 
-config = {"seed": 5, "resolution": (346, 260), "focal_length": 226.0, "noise_rate": 0.5}
+config = {"seed": 5, "resolution": (240, 180), "focal_length": 160.0, "noise_rate": 0.5}
 room = simulate(SimulationConfig(duration=1.8, **config))
 warm_up(Configuration())
 before = compiled("factors", "gpvo")

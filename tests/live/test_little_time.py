@@ -21,7 +21,7 @@ from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 @cache
 def room(seed: int = 5) -> SimulatedRecording:
     config = SimulationConfig(
-        seed=seed, duration=3.0, resolution=(240, 180), focal_length=160.0, noise_rate=1.0
+        seed=seed, duration=2.4, resolution=(240, 180), focal_length=160.0, noise_rate=1.0
     )
     return simulate(config)
 
@@ -64,7 +64,7 @@ def test_with_a_quarter_of_the_time_and_half_of_the_features_the_path_is_nearly_
     assert all(report.inliers > 20 for report in least.reports[2:-1])  # the last has few
     inliers = np.array([report.inliers for one, _ in leasts for report in one.reports[2:]])
     assert np.median(inliers) > 60 and np.mean(inliers > 20) > 0.8
-    t = np.linspace(0.1, 2.7, 50)
+    t = np.linspace(0.1, 2.2, 50)
     all_of_it, part = (
         np.mean([off(path, t, seed).max() for (_, path), seed in zip(runs, seeds, strict=True)])
         for runs in (wholes, leasts)
@@ -72,12 +72,13 @@ def test_with_a_quarter_of_the_time_and_half_of_the_features_the_path_is_nearly_
     assert part < 3 * all_of_it
 
 
-@pytest.mark.parametrize("length", [0.8, 1.5])
+@pytest.mark.parametrize("length", [0.7, 1.2])
 def test_after_a_break_the_motion_is_right_and_the_place_as_the_covariance_says(
     length: float,
 ) -> None:
-    _, trajectory = run(lambda t: not 1.0 <= t < 1.0 + length)
-    t = np.array([1.0 + length + 0.15, 2.9])
+    start = 0.8
+    _, trajectory = run(lambda t: not start <= t < start + length)
+    t = np.array([start + length + 0.15, 2.3])
     velocity, true = trajectory.velocity(t), room().motion.twist(t)
     assert np.linalg.norm((velocity - true)[:, 3:], axis=1).max() < 0.15
     found, moved = (

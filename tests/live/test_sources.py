@@ -78,10 +78,10 @@ def test_what_is_left_out_between_clusters_is_counted_and_no_fault(
     assert not any(fault.kind == "no events" for fault in live.odometry.faults)
 
 
-@pytest.mark.parametrize("speed", [1.0, 2.0, 4.0, 10.0])
+@pytest.mark.parametrize("speed", [1.0, 4.0])
 def test_a_source_that_is_too_fast_is_survived(room: SimulatedRecording, speed: float) -> None:
     """Estimating takes so long that the source is faster at every speed."""
-    live = LiveOdometry(room.rig, CONFIG, observer=lambda _: time.sleep(0.5))
+    live = LiveOdometry(room.rig, CONFIG, observer=lambda _: time.sleep(0.4))
     session = LiveSession(live, room.rig, RecordingPlayer(room, speed))
     session.run()
     trajectory = live.close()

@@ -55,7 +55,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, rows: tuple) -> tuple[Path, 
     return write_mvsec(folder / "data.hdf5", *rows), folder / "camchain.yaml"
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(
     length=st.floats(0.003, 2.0),
     start=st.floats(-0.2, 0.7),
