@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import scipy.fft
@@ -36,7 +38,8 @@ def _random_texture(rng: np.random.Generator) -> NDArray[np.float32]:
             _paint_shape(image, radius, rng)
     shapes = _CONTRAST * (image.astype(np.float32) / 255.0 - 0.5)
     white = rng.standard_normal(shapes.shape, np.float32)
-    noise = _blurred(white, 2.0) - _blurred(white, 10.0)
+    spectrum = scipy.fft.rfft2(white)
+    noise = _blurred(spectrum, 2.0) - _blurred(spectrum, 10.0)
     return shapes + _NOISE / noise.std() * noise
 
 
@@ -55,12 +58,19 @@ def _paint_shape(image: NDArray[np.uint8], radius: float, rng: np.random.Generat
 
 def _levels_of_detail(texture: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return (LEVELS, TEXELS, TEXELS), each level blurred by 0.6 of the pixel size it suits."""
-    return np.stack([_blurred(texture, 0.6 * 2**level) for level in range(LEVELS)])
+    spectrum = scipy.fft.rfft2(texture)
+    return np.stack([_blurred(spectrum, 0.6 * 2**level) for level in range(LEVELS)])
 
 
-def _blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
-    """Blur by a Gaussian of sigma texels that wraps around the borders."""
+def _blurred(spectrum: NDArray[np.complex64], sigma: float) -> NDArray[np.float32]:
+    """Return an image of its spectrum, blurred by a Gaussian of sigma texels that wraps around."""
+    return scipy.fft.irfft2(spectrum * _gain(sigma), s=(TEXELS, TEXELS))
+
+
+@cache
+def _gain(sigma: float) -> NDArray[np.float32]:
+    """Return the spectrum of a Gaussian of sigma texels."""
     rows = np.fft.fftfreq(TEXELS).astype(np.float32)[:, None]
     columns = np.fft.rfftfreq(TEXELS).astype(np.float32)
-    gain = np.exp(-2.0 * (np.pi * sigma) ** 2 * (rows**2 + columns**2)).astype(np.float32)
-    return scipy.fft.irfft2(scipy.fft.rfft2(image) * gain, s=image.shape)
+    gain = np.exp(-2.0 * (np.pi * sigma) ** 2 * (rows**2 + columns**2))
+    return np.asarray(gain, np.float32)

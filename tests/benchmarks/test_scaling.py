@@ -30,7 +30,7 @@ def test_every_run_has_a_row_and_the_growth_is_said(
     monkeypatch.setattr(scaling, "THRESHOLDS", (0.4, 0.25))
     monkeypatch.setattr(scaling, "FEATURES", (20, 60))
     console = Console(width=200, quiet=True)
-    options = ["--resolutions", "120x90", "--seconds", "0.6", "--output", str(tmp_path)]
+    options = ["--resolutions", "120x90", "--seconds", "0.4", "--output", str(tmp_path)]
     scaling.main(options, console)
     text = (tmp_path / "scaling.md").read_text()
     assert text.count("\n| 120x90") == 5

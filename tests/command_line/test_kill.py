@@ -78,13 +78,13 @@ def read_text_unfinished(file: Path) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("delay", "number"), [(0.5, signal.SIGTERM), (1.5, signal.SIGINT), (3.0, signal.SIGTERM)]
+    ("delay", "number"), [(0.5, signal.SIGTERM), (1.5, signal.SIGINT), (2.5, signal.SIGTERM)]
 )
 def test_the_end_may_come_at_any_time(
     recording: RecordingFiles, tmp_path: Path, number: signal.Signals, delay: float
 ) -> None:
     """While packages are loaded, files opened, functions compiled or results written."""
-    process = started(recording, tmp_path / "out")
+    process = started(recording, tmp_path / "out", "--plots", "none")
     time.sleep(delay)
     process.send_signal(number)
     try:
@@ -115,7 +115,7 @@ def test_an_end_while_handlers_change_is_none_by_the_system(number: signal.Signa
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_end_while_python_ends_is_none_by_a_signal(number: signal.Signals) -> None:
     """Python gives signals back to the system before it has ended."""
-    for delay in np.linspace(0.0, 0.03, 6).tolist():
+    for delay in np.linspace(0.0, 0.03, 4).tolist():
         with subprocess.Popen(
             [*COMMAND, "config"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         ) as process:

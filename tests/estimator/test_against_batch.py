@@ -5,6 +5,8 @@ With little noise, so that all linearise at the same motion, and the smoother's 
 
 from __future__ import annotations
 
+from functools import cache
+
 import gtsam
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from gpvo.config import EstimatorConfig
 from gpvo.estimator.batch_graph import Window, nested_dissection
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.tracking import Measurements, seen_twice
+from gpvo.trajectory import Trajectory
 
 TINY = 0.01
 """Noise, pixels."""
@@ -57,6 +60,11 @@ CASES = {
 }
 
 
+@cache
+def of_everything(case: str, interval: float) -> Trajectory:
+    return estimate(CASES[case], POINTS, window=100, state_interval=interval)
+
+
 @pytest.mark.parametrize("interval", [0.0, 0.025, 0.1])
 @pytest.mark.parametrize("window", [3, 4])
 @pytest.mark.parametrize("case", CASES)
@@ -64,8 +72,7 @@ def test_states_that_stay_are_those_of_a_window_of_everything(
     case: str, window: int, interval: float
 ) -> None:
     """To a few micrometres; and as certain."""
-    parts = CASES[case]
-    everything = estimate(parts, POINTS, window=100, state_interval=interval)
+    parts, everything = CASES[case], of_everything(case, interval)
     trajectory = estimate(parts, POINTS, window=window, state_interval=interval)
     assert np.array_equal(trajectory.t, everything.t)
     t = trajectory.t[trajectory.t > (len(parts) - window + 1) * PERIOD]
