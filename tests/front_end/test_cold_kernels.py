@@ -7,6 +7,7 @@ import gc
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ import gpvo.odometry  # noqa: F401
 KERNELS = [each for each in gc.get_objects() if isinstance(each, CPUDispatcher)]
 
 
+@cache
 def called_by(kernel: CPUDispatcher) -> list[CPUDispatcher]:
     function, steps = kernel.py_func, dis.get_instructions(kernel.py_func)
     names = {step.argval for step in steps if step.opname == "LOAD_GLOBAL"}
@@ -25,6 +27,7 @@ def called_by(kernel: CPUDispatcher) -> list[CPUDispatcher]:
     return [each for each in called if isinstance(each, CPUDispatcher)]
 
 
+@cache
 def sums_in_any_order(kernel: CPUDispatcher) -> bool:
     fast = bool(kernel.targetoptions.get("fastmath"))
     return fast or any(map(sums_in_any_order, called_by(kernel)))
