@@ -15,8 +15,7 @@ class RecordingFiles:
     ground_truth: Path
     config: Path
 
-    def arguments(self, output: Path, *more: str) -> list[str]:
+    def arguments(self, output: Path) -> list[str]:
         """Return the arguments of `gpvo run`."""
         files = ["--calibration", self.calibration, "--ground-truth", self.ground_truth]
-        options = ["--config", self.config, "--output", output, *more]
-        return ["run", *map(str, [self.data, *files, *options])]
+        return ["run", *map(str, [self.data, *files, "--config", self.config, "--output", output])]

@@ -19,10 +19,10 @@ from gpvo.trajectory import read_tum
 COMMAND = [sys.executable, "-m", "gpvo"]
 
 
-def started(recording: RecordingFiles, folder: Path, *more: str) -> subprocess.Popen[str]:
+def started(recording: RecordingFiles, folder: Path) -> subprocess.Popen[str]:
     """Start a run that writes to a folder; what it says on stderr is kept."""
     return subprocess.Popen(
-        [*COMMAND, *recording.arguments(folder, *more)],
+        [*COMMAND, *recording.arguments(folder)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -58,7 +58,7 @@ def test_killed_run_leaves_whole_lines_that_can_be_evaluated(
 def test_a_run_that_is_to_end_keeps_the_results_so_far(
     recording: RecordingFiles, tmp_path: Path, number: signal.Signals, status: int
 ) -> None:
-    process = started(recording, tmp_path / "out", "--plots", "none")
+    process = started(recording, tmp_path / "out")
     file = tmp_path / "out" / "trajectory.tum"
     try:
         while process.poll() is None and not (file.exists() and len(file.read_bytes()) > 500):
@@ -69,7 +69,7 @@ def test_a_run_that_is_to_end_keeps_the_results_so_far(
         process.kill()
     assert process.returncode == status, said
     assert said.count("ending, results follow") == 1 and "Traceback" not in said
-    assert {"metrics.json", "trajectory.npz"} <= {p.name for p in file.parent.iterdir()}
+    assert {"metrics.json", "trajectory.npz", "path.png"} <= {p.name for p in file.parent.iterdir()}
     assert not read_text_unfinished(file)
 
 
@@ -78,13 +78,13 @@ def read_text_unfinished(file: Path) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("delay", "number"), [(0.5, signal.SIGTERM), (1.5, signal.SIGINT), (2.5, signal.SIGTERM)]
+    ("delay", "number"), [(0.5, signal.SIGTERM), (1.5, signal.SIGINT), (3.0, signal.SIGTERM)]
 )
 def test_the_end_may_come_at_any_time(
     recording: RecordingFiles, tmp_path: Path, number: signal.Signals, delay: float
 ) -> None:
     """While packages are loaded, files opened, functions compiled or results written."""
-    process = started(recording, tmp_path / "out", "--plots", "none")
+    process = started(recording, tmp_path / "out")
     time.sleep(delay)
     process.send_signal(number)
     try:

@@ -265,7 +265,7 @@ def test_a_break_has_states_where_the_motion_is_guessed_otherwise(last: float) -
     assert len(DeadReckoning(0.0).steps(last, 1000.0)) == 0
 
 
-@pytest.mark.parametrize("seed", [2])
+@pytest.mark.parametrize("seed", [2, 3])
 def test_a_break_without_clusters_is_as_one_with_clusters_that_show_nothing(seed: int) -> None:
     """Events that are missing, and those of a covered lens: the same is known of the motion."""
     gap = 0.5, 2.0

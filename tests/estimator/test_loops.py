@@ -62,7 +62,7 @@ def driven(seed: int, lost_landmarks: int) -> tuple[FixedLagSmoother, Trajectory
 def test_the_second_round_is_as_good_as_the_first() -> None:
     """Without memory it drifts on; the covariance knows which it is."""
     second, nees = {0: [], 300: []}, []
-    for seed in range(2):
+    for seed in range(3):
         for lost_landmarks, found in second.items():
             smoother, trajectory = driven(seed, lost_landmarks)
             assert not smoother.diagnostics
@@ -73,7 +73,7 @@ def test_the_second_round_is_as_good_as_the_first() -> None:
         nees.append(last @ np.linalg.solve(covariance, last) / 6)
     known, unknown = (np.sqrt(np.mean(np.concatenate(second[n]) ** 2)) for n in (300, 0))
     assert known < 0.5 * unknown
-    assert np.mean(nees) < 1.75  # the 95 % bound for 12 degrees of freedom
+    assert np.mean(nees) < 1.6  # the 95 % bound for 18 degrees of freedom
 
 
 def test_a_few_that_are_remembered_close_the_loop() -> None:

@@ -99,7 +99,7 @@ def turning() -> SimulatedRecording:
     ahead = Rotation.from_matrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     turned = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]) * ahead
     motion = Motion(CubicSpline(times, circle), RotationSpline(times, turned))
-    config = SimulationConfig(resolution=(240, 180), focal_length=157.0, duration=1.5, seed=1)
+    config = SimulationConfig(resolution=(240, 180), focal_length=157.0, duration=2.0, seed=1)
     return simulate(config, motion)
 
 

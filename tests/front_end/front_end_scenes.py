@@ -31,6 +31,7 @@ def track(tracker: KltTracker, left: Image, right: Image) -> Observations:
     return Observations.concatenate([tracker.follow(left, right), tracker.extend()])
 
 
+@cache
 def random_picture(seed: int, shape: tuple[int, int]) -> Image:
     """Return a picture (height, width) of random blobs, a few pixels wide."""
     noise = np.random.default_rng(seed).normal(0, 1, shape)

@@ -21,7 +21,7 @@ NEAR = 0.1
 
 
 @cache
-def contours() -> NDArray[np.float64]:
+def contour_pixels() -> NDArray[np.float64]:
     """Return the pixels (N, 2) of contours, in view and a width beside it."""
     v, u = np.mgrid[0:HEIGHT, -WIDTH : 2 * WIDTH].astype(np.float64)
     on = np.abs(Texture(7)(u, v)) < NEAR
@@ -31,7 +31,7 @@ def contours() -> NDArray[np.float64]:
 def events(number: int, speed: float, shift: float) -> ClusterEvents:
     """Simulate contours that move to the right, pixels per second, each at random times."""
     rng = np.random.default_rng(number)
-    points = np.repeat(contours(), 5, axis=0)
+    points = np.repeat(contour_pixels(), 5, axis=0)
     t = np.sort(rng.uniform(STEP * number, STEP * (number + 1), len(points)))
     points = rng.permutation(points) + t[:, None] * [speed, 0.0] - [shift, 0.0]
     seen = np.all((points >= 0) & (points <= [WIDTH - 1, HEIGHT - 1]), axis=1)

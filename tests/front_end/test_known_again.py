@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 from front_end_scenes import random_picture, track
@@ -24,7 +22,6 @@ AWAY = [65, 105, 145, 185, 225, 265, 305]
 """Columns of the plane at the left of the image: out of its first view, which is 200 wide."""
 
 
-@cache
 def plane(seed: int) -> NDArray[np.uint8]:
     return random_picture(seed, (HEIGHT, 600))
 

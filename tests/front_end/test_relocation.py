@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import cv2
 import numpy as np
 import pytest
@@ -33,7 +31,6 @@ MOTIONS = {
 }
 
 
-@cache
 def plane(seed: int) -> NDArray[np.uint8]:
     return random_picture(seed, (600, 600))
 

@@ -11,7 +11,7 @@ import pytest
 from gpvo.warm_up import beside
 from gpvo.warm_up.beside import CompileBeside
 
-PROGRAM = """
+COMPILED = """
 import gc
 from numba.core.registry import CPUDispatcher
 
@@ -24,51 +24,61 @@ def compiled(*packages):
         if module.startswith(packages)
         for signature in each.signatures
     }
+"""
+ESTIMATOR = (
+    COMPILED
+    + """
+from gpvo import Configuration
+from gpvo.warm_up.whole import warm_up
+from gpvo.warm_up.known_points import estimate_from_points
 
+packages = "factors.structureless", "factors.linear_states", "gpvo.estimator"
+estimate_from_points(Configuration())
+before = compiled(*packages)
+warm_up(Configuration())
+print(len(before) > 20, sorted(compiled(*packages) - before))
+"""
+)
+LIVE = (
+    COMPILED
+    + """
 from gpvo import Configuration, LiveOdometry
 from gpvo.live.session import LiveSession
 from gpvo.live.sources import RecordingPlayer
 from gpvo.simulation import SimulationConfig, simulate
-from gpvo.warm_up.known_points import estimate_from_points
 from gpvo.warm_up.whole import warm_up
-
-config = {"seed": 5, "resolution": (240, 180), "focal_length": 160.0, "noise_rate": 0.5}
-room = simulate(SimulationConfig(duration=1.8, **config))
-estimator = "factors.structureless", "factors.linear_states", "gpvo.estimator"
-estimate_from_points(Configuration())
-by_points = compiled(*estimator)
-warm_up(Configuration())
-print(len(by_points) > 20, sorted(compiled(*estimator) - by_points))
 
 class WithoutSome(RecordingPlayer):
     def packets(self):
         some = list(super().packets())
         yield from some[:100] + some[250:]
 
+config = {"seed": 5, "resolution": (346, 260), "focal_length": 226.0, "noise_rate": 0.5}
+room = simulate(SimulationConfig(duration=1.8, **config))
+warm_up(Configuration())
 before = compiled("factors", "gpvo")
 live = LiveOdometry(room.rig)
 LiveSession(live, room.rig, WithoutSome(room)).run()
 live.close()
 print(len(before) > 50, sorted(compiled("factors", "gpvo") - before))
 """
+)
 
 
-@pytest.fixture(scope="module")
-def said() -> list[str]:
-    command = [sys.executable, "-c", PROGRAM]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
-    return done.stdout.splitlines()
-
-
-def test_what_the_estimator_needs_is_compiled(said: list[str]) -> None:
+def test_what_the_estimator_needs_is_compiled() -> None:
     """A run from events needs no kernel of the estimator that known points do not need."""
-    assert said[0] == "True []"
+    assert _output_of(ESTIMATOR) == "True []\n"
     assert beside._is_compiled()
 
 
-def test_what_a_live_run_needs_is_compiled_before(said: list[str]) -> None:
+def test_what_a_live_run_needs_is_compiled_before() -> None:
     """Also where events are missing, so that landmarks are lost and known again."""
-    assert said[1] == "True []"
+    assert _output_of(LIVE) == "True []\n"
+
+
+def _output_of(program: str) -> str:
+    command = [sys.executable, "-c", program]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
 
 
 def test_nothing_is_begun_where_it_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.kernels.compiled import kernel
+from factors.kernels.se3 import copy_vector_kernel
 from gpvo.recordings import libdeflate
 from gpvo.recordings.base import Events
 from gpvo.recordings.checks.plain_columns import Column, fill_pixels, fill_polarities, fill_times
@@ -139,7 +140,7 @@ def _numbers(data: Bytes, shuffled: bool, first: int, words: NDArray[np.uint64])
     if shuffled:
         _unshuffle(data, first, words)
     else:
-        words[:] = data.view(np.uint64)[first : first + len(words)]
+        copy_vector_kernel(data.view(np.uint64)[first : first + len(words)], words)
     return words.view(np.float64)
 
 
