@@ -311,6 +311,9 @@ def root_kernel(H: Array, scale: Array) -> Array:
         if not rest[best, best] > _ROUNDING:
             break
         _swap_kernel(rest, column, i, best)
+        # Cauchy-Schwarz: else a small pivot's rounding errors explain more than there are errors.
+        least = rest[i, -1] ** 2 / max(rest[-1, -1], rest[i, i])
+        rest[i, i] = max(rest[i, i], least)
         pivot = np.sqrt(rest[i, i])
         for j in range(i, size):
             rest[i, j] /= pivot
