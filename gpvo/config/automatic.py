@@ -35,13 +35,6 @@ LENGTHS: dict[str, Powers] = {
 }
 """Fields in tracked pixels and the powers of a pixel that they have."""
 
-VARIANCES: Powers = {
-    "acceleration_psd": 1,
-    "measurement_information": -1,
-    "track_drift": 0.5,
-}
-"""Fields of the noise and the powers of a variance that they have."""
-
 
 def for_camera(
     configuration: Configuration, resolution: tuple[int, int], focal_length: float

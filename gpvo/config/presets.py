@@ -14,7 +14,7 @@ AUTO: dict[str, Any] = {
         "measurement_memory": 5.0,
         "velocity_share": 0.25,
     },
-    "estimator": {"bridge": 0.75, "loss": "huber", "loss_scale": 0.6},
+    "estimator": {"bridge": 0.75, "loss": "huber", "loss_scale": 0.7},
 }
 """Any camera and light: noise is learned while the odometry runs.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.config.automatic import VARIANCES, scaled
 from gpvo.config.stages import NoiseConfig
 from gpvo.estimator.graph_update import NumberedStates
 from gpvo.estimator.measurement_noise import MeasurementNoise
@@ -17,11 +16,7 @@ Array = NDArray[np.float64]
 
 
 class LearnedNoise:
-    """Lets Q_c follow the motion, and R the residuals in the window, if they have a memory.
-
-    If both have, all variances count `MeasurementNoise.variance_factor` times. That changes
-    covariances, and the estimate only by where a loss lets go.
-    """
+    """Lets Q_c follow the motion, and R the residuals in the window, if they have a memory."""
 
     def __init__(self, start: NoiseConfig) -> None:
         self._start = start
@@ -37,13 +32,13 @@ class LearnedNoise:
             found["acceleration_psd"] = tuple(self._motion.qc.tolist())
         if self._start.measurement_memory > 0:
             found["measurement_information"] = tuple(self._errors.information.tolist())
-        return scaled(self._start.model_copy(update=found), VARIANCES, self._times)
+        return self._start.model_copy(update=found)
 
     def learn_motion(
         self, states: States, covariance: Array, linearized: States | None, acceleration: Array
     ) -> None:
         """Learn Q_c, see `MotionNoise.learn`."""
-        self._motion.learn(states, covariance / self._times, linearized, acceleration)
+        self._motion.learn(states, covariance, linearized, acceleration)
 
     def learn_errors(self, landmarks: WindowLandmarks, window: NumberedStates) -> None:
         """Learn R from the measurements in the window, if that is due."""
@@ -53,9 +48,3 @@ class LearnedNoise:
         if (interval := landmarks.interval) is not None:
             residuals = factor.residuals(window.values()) / factor.deviations
             self._errors.learn(t, residuals, factor.redundancy, interval)
-
-    @property
-    def _times(self) -> float:
-        """How many times all variances count."""
-        is_all = self._start.motion_memory > 0 and self._start.measurement_memory > 0
-        return self._errors.variance_factor if is_all else 1.0

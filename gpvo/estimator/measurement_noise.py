@@ -4,10 +4,6 @@ Errors of consecutive measurements of a track are alike: they are of the same pa
 share their contours. What is left of them after the fit is therefore less than what they are off,
 and many of them say less than as many independent ones. Both grow as measurements follow each other
 faster: with the time dt between them, the variance counts sqrt(ALIKE / dt) times.
-
-That is best for the estimate, which depends on R relative to Q_c. Covariances are right if all
-variances count cbrt(EVEN / dt) times as well: without it slow motion is more cautious, and fast
-motion claims more.
 """
 
 from __future__ import annotations
@@ -20,8 +16,6 @@ Array = NDArray[np.float64]
 ALIKE = 1.7
 """Seconds: with it steps of simulated recordings are best; twice as much smooths drones that shake,
 and a third of it lets noise through."""
-EVEN = 0.105
-"""Time between measurements with which covariances are right without a factor, seconds."""
 USUAL = 6.0
 """Number of measurements of a track that are alike, before it is known."""
 LEAST, MOST = 0.02, 100.0
@@ -41,17 +35,11 @@ class MeasurementNoise:
         (3,) diagonal of R^-1 to begin with.
     memory
         Seconds after which what was seen counts 1/e of what is seen now.
-
-    Attributes
-    ----------
-    variance_factor
-        How many times all variances count, also those of the motion.
     """
 
     def __init__(self, start: Array, memory: float) -> None:
         self._start, self._memory, self._until = start, memory, -np.inf
         self._squares, self._redundancy, self._alike = TRUST / USUAL, TRUST, USUAL
-        self.variance_factor = 1.0
 
     @property
     def information(self) -> Array:
@@ -70,6 +58,5 @@ class MeasurementNoise:
         """
         keep = np.exp(-min(t - self._until, 10 * self._memory) / self._memory)
         self._until, self._alike = t, max(1.0, float(np.sqrt(ALIKE / interval)))
-        self.variance_factor = float(np.cbrt(EVEN / interval))
         self._squares = keep * self._squares + float((residuals**2 @ self._start).sum())
         self._redundancy = keep * self._redundancy + redundancy
