@@ -48,6 +48,7 @@ from gpvo.tracking import Measurements
 VARIANTS: dict[str, dict[str, Any]] = {
     "default": {},
     "without anchors": {"tracking": {"klt": {"anchor_correlation": 1.0}}},
+    "without slopes": {"tracking": {"klt": {"slopes": False}}},
     "equal deviations": {"tracking": {"klt": {"deviations": False}}},
     "strongest features": {"tracking": {"klt": {"candidates": 1.0}}},
     "without lag": {"tracking": {"compensation": {"lag_share": 0.0}}},

@@ -35,7 +35,12 @@ PAPER: dict[str, Any] = {
         "tracker": "viso2",
         "resolutions": [1, 2],
         "image": "binary",
-        "klt": {"anchor_correlation": 1.0, "deviations": False, "lost_landmarks": 0},
+        "klt": {
+            "anchor_correlation": 1.0,
+            "slopes": False,
+            "deviations": False,
+            "lost_landmarks": 0,
+        },
         "compensation": {"lag_share": 0.0, "density": None},
     },
     "tracklets": {

@@ -199,6 +199,11 @@ class KltConfig(StageConfig):
         "by the motion since then, with the image; below it the landmark gets a new one. 1 gives "
         "it a new one in each frame.",
     )
+    slopes: bool = Field(
+        default=True,
+        description="Surfaces have the slope that left and right patches tell; otherwise they are "
+        "taken to face the camera.",
+    )
     anchor_tolerance: float = Field(
         default=1.0,
         gt=0,

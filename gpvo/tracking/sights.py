@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 LARGEST = 3.0
 """Largest change of a patch's size by a warp."""
+LARGEST_SLOPE = 0.5
+"""Largest change of the disparity from a pixel to the next."""
 UPRIGHT = np.eye(3, 2)
 """Warp that changes nothing."""
 
@@ -33,20 +35,32 @@ class Sights(ArrayTable):
         (N,) pixels.
     T_start_cam
         (N, 4, 4) pose of the frame.
+    slope
+        (N, 2) by how much the disparity is larger a pixel to the right, and below: that of the
+        surface.
     """
 
     point: Array
     disparity: Array
     T_start_cam: Array
+    slope: Array
 
     @classmethod
     def of_frame(
-        cls, left: NDArray[np.float32], right: NDArray[np.float32], T_start_cam: Array
+        cls,
+        left: NDArray[np.float32],
+        right: NDArray[np.float32],
+        T_start_cam: Array,
+        slope: Array | None = None,
     ) -> Sights:
-        """Return the sights of one frame: left and right pixels (N, 2), and its pose (4, 4)."""
+        """Return the sights of one frame: left and right pixels (N, 2), and its pose (4, 4).
+
+        Surfaces face the camera if their slopes (N, 2) are not known.
+        """
         point = left.astype(np.float64)
         poses = np.repeat(T_start_cam[None], len(point), axis=0)
-        return cls(point, point[:, 0] - right[:, 0], poses)
+        slope = np.zeros((len(point), 2)) if slope is None else slope
+        return cls(point, point[:, 0] - right[:, 0], poses, slope)
 
     @property
     def measured(self) -> Array:
@@ -66,16 +80,34 @@ def predict(camera: StereoCamera, T_start_cam: Array, sights: Sights) -> Array:
 def warp(camera: StereoCamera, T_start_cam: Array, sights: Sights) -> Array:
     """Predict the warps (N, 3, 2) of the image around landmarks at a pose.
 
-    A warp is the homography dp' = J dp / (1 + h dp) of pixels around the landmark's own, on a
-    surface that faced the camera then. Its first rows are J, the last one is h:
+    A warp is the homography dp' = J dp / (1 + h dp) of pixels around the landmark's own, on a plane
+    through it with the disparity d + g . dp then. Its first rows are J, the last one is h:
 
         Q = R Z (x, y, 1) + t,  J = f / Q_z (dQ_xy - Q_xy / Q_z dQ_z),  h = dQ_z / Q_z
 
-    with dQ / dp = R Z / f. What would be shrunk or enlarged more than LARGEST times is left as it
-    is.
+    with dQ / dp = R Z / f + t g / d, up to a factor of all Q. What would be shrunk or enlarged more
+    than LARGEST times is left as it is.
     """
-    columns = sights.point, sights.disparity, sights.T_start_cam
+    columns = sights.point, sights.disparity, sights.T_start_cam, sights.slope
     return np.asarray(_warp_kernel(camera.parameters, se3_inverse(T_start_cam), *columns))
+
+
+def slopes(camera: StereoCamera, T_start_cam: Array, sights: Sights) -> Array:
+    """Return the slopes (N, 2) that the surfaces of landmarks have as they are seen from a pose.
+
+    A plane is n . X = 1, with the disparity f_u b n . (x, y, 1) along its rays. Seen from another
+    pose it is R^T n / (1 - n . t). Those beyond LARGEST_SLOPE are cut off.
+    """
+    scale = camera.parameters[:2] / (camera.parameters[0] * camera.parameters[4])
+    rays = (sights.point - camera.parameters[2:4]) / camera.parameters[:2]
+    plane = np.empty((len(sights), 3))
+    plane[:, :2] = sights.slope * scale
+    plane[:, 2] = scale[0] / camera.parameters[0] * sights.disparity
+    plane[:, 2] -= (plane[:, :2] * rays).sum(axis=1)
+    T_then_now = se3_inverse(sights.T_start_cam) @ T_start_cam
+    behind = 1 - np.einsum("ni,ni->n", plane, T_then_now[:, :3, 3])
+    now = np.einsum("nij,ni->nj", T_then_now[:, :3, :2], plane) / scale
+    return np.clip(now / np.maximum(behind, 1e-3)[:, None], -LARGEST_SLOPE, LARGEST_SLOPE)
 
 
 def points_in_start(camera: StereoCamera, sights: Sights) -> Array:
@@ -102,16 +134,24 @@ def _predict_kernel(
 
 @kernel
 def _warp_kernel(
-    camera: Array, T_cam_start: Array, point: Array, disparity: Array, T_start_then: Array
+    camera: Array,
+    T_cam_start: Array,
+    point: Array,
+    disparity: Array,
+    T_start_then: Array,
+    gradient: Array,
 ) -> Array:
     now = _points_kernel(camera, T_cam_start, point, disparity, T_start_then)
-    warps, slope = np.empty((len(point), 3, 2)), np.empty((3, 2))
+    warps, slope, moved = np.empty((len(point), 3, 2)), np.empty((3, 2)), np.empty(3)
     for i in range(len(point)):
         depth = max(now[i, 2], 1e-6)
         scale = camera[0] * camera[4] / disparity[i] / depth
+        _origin(T_cam_start, T_start_then[i], moved)
         for row in range(3):
             for k in range(2):
-                slope[row, k] = scale * _product(T_cam_start, T_start_then[i], row, k)
+                turned = _product(T_cam_start, T_start_then[i], row, k)
+                bent = moved[row] / depth * gradient[i, k] * camera[k] / disparity[i]
+                slope[row, k] = scale * turned + bent
         for row in range(2):
             for k in range(2):
                 change = slope[row, k] - now[i, row] / depth * slope[2, k]
@@ -144,6 +184,15 @@ def move(T: Array, point: Array, moved: Array) -> None:
     """Set a point (3,) moved by a transform (4, 4)."""
     for row in range(3):
         moved[row] = T[row, 0] * point[0] + T[row, 1] * point[1] + T[row, 2] * point[2] + T[row, 3]
+
+
+@kernel
+def _origin(A: Array, B: Array, moved: Array) -> None:
+    """Set the translation (3,) of the product of two transforms (4, 4)."""
+    for row in range(3):
+        moved[row] = A[row, 3]
+        for k in range(3):
+            moved[row] += A[row, k] * B[k, 3]
 
 
 @kernel

@@ -51,9 +51,18 @@ class Frame:
         images = self.left_image, self.right_image, self.T_start_cam
         return Frame(*images, landmark, left, right, anchors)
 
-    def anchored(self, landmark: NDArray[np.int64], left: Points, right: Points) -> Frame:
-        """Return the same images with landmarks that are seen first in them."""
-        sights = Sights.of_frame(left, right, self.T_start_cam)
+    def anchored(
+        self,
+        landmark: NDArray[np.int64],
+        left: Points,
+        right: Points,
+        slope: NDArray[np.float64] | None = None,
+    ) -> Frame:
+        """Return the same images with landmarks that are seen first in them.
+
+        Their surfaces face the camera if no slopes (N, 2) are given.
+        """
+        sights = Sights.of_frame(left, right, self.T_start_cam, slope)
         anchors = Anchors.of_image(self.left_image, sights)
         return self.with_landmarks(landmark, left, right, anchors)
 

@@ -141,8 +141,8 @@ def _match_level(
             copy_patch(source, u - 1, v - 1, side + 3, width, window)
             interpolate(window, u - np.floor(u), v - np.floor(v), width, samples)
             differentiate(samples, width, across, down)
-            columns = _inside(u, source.shape[1], side)
-            clear_outside(columns, _inside(v, source.shape[0], side), width, across, down)
+            columns = inside(u, source.shape[1], side)
+            clear_outside(columns, inside(v, source.shape[0], side), width, across, down)
             still = dot(samples[width + 1 :], across), dot(samples[width + 1 :], down)
             found[i] = refine(target, side, across, down, still, window, corner, ends[i])
 
@@ -156,7 +156,7 @@ def touches(image: Level, side: int, u: float, v: float) -> bool:
 
 
 @kernel
-def _inside(start: float, size: int, side: int) -> tuple[int, int]:
+def inside(start: float, size: int, side: int) -> tuple[int, int]:
     """Return the first and the end of a patch's rows or columns that lie within the image."""
     border = side + BEYOND
     return max(0, int(np.ceil(border - start))), max(0, min(side, int(size - border - start)))

@@ -32,9 +32,10 @@ from gpvo.tracking.klt.patch_checks import are_stereo
 from gpvo.tracking.klt.pose_information import most_telling, whitened_jacobians
 from gpvo.tracking.klt.relocation import refined_pose, relocated_pose
 from gpvo.tracking.klt.row_search import search_rows
+from gpvo.tracking.klt.surfaces import LEAST_DISPARITY, fit_surfaces, match_on_surfaces
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.report import TrackingReport
-from gpvo.tracking.sights import UPRIGHT, predict, warp
+from gpvo.tracking.sights import UPRIGHT, predict, slopes, warp
 
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
@@ -52,8 +53,6 @@ REFINEMENTS = 3
 """Times that they are searched where a pose has them, which is refined by those that are found."""
 LEAST_SHARE = 0.1
 """Share of contours' events below which matches are taken to scatter no more."""
-LEAST_DISPARITY = 0.5
-"""Disparity of what is very far, pixels."""
 NO_VARIANCES = np.empty((0, 3))
 
 
@@ -164,10 +163,29 @@ class KltTracker:
         expected = self._predicted(previous, frame), self._warps(frame, previous.anchors)
         given = *expected, self._config, self._closure_tolerance
         left, right, marks = follow(previous, frame, *given)
-        seen = frame.with_landmarks(previous.landmark, left, right, previous.anchors)
-        new = marks == CHANGED
-        changed = frame.anchored(previous.landmark[new], left[new], right[new])
-        return seen.select(marks == KNOWN).joined(changed)
+        known, new = marks == KNOWN, marks == CHANGED
+        seen = frame.with_landmarks(previous.landmark, left, right, previous.anchors).select(known)
+        changed = self._anchored(frame, previous.landmark[new], left[new], right[new])
+        return self._on_surfaces(seen).joined(changed)
+
+    def _anchored(
+        self, frame: Frame, landmark: NDArray[np.int64], left: Points, right: Points
+    ) -> Frame:
+        """Return a frame with landmarks seen first in it, at left and right points (N, 2)."""
+        if self._camera is None or not self._config.slopes:
+            return frame.anchored(landmark, left, right)
+        images, focal_length = (frame.left_image, frame.right_image), self._camera.parameters[0]
+        right, slope = fit_surfaces(*images, left, right, focal_length)
+        return frame.anchored(landmark, left, right, slope)
+
+    def _on_surfaces(self, frame: Frame) -> Frame:
+        """Match left and right again, on the surfaces of the landmarks' anchors."""
+        if self._camera is None or not self._config.slopes:
+            return frame
+        slope = slopes(self._camera, frame.T_start_cam, frame.anchors.sights)
+        images = frame.left_image, frame.right_image
+        right = match_on_surfaces(*images, frame.left, frame.right, slope)
+        return frame.with_landmarks(frame.landmark, frame.left, right, frame.anchors)
 
     def _predicted(self, previous: Frame, frame: Frame) -> tuple[Points, Points]:
         """Where the motion takes the left and right pixels (N, 2) of the previous frame."""
@@ -203,7 +221,7 @@ class KltTracker:
             T = refined_pose(self._camera, again, lost)
         self._relocations = 0
         other = frame.select(~are_near(frame.left, again.left, self._config.spacing))
-        return again.joined(again.anchored(other.landmark, other.left, other.right))
+        return again.joined(self._anchored(again, other.landmark, other.left, other.right))
 
     def _with_found_again(self, frame: Frame) -> Frame:
         """Add landmarks that were lost, where the motion brings them back into view."""
@@ -222,7 +240,7 @@ class KltTracker:
         found &= change < 0.5 * config.search_tolerance
         index = self._spaced(left, alike, found, frame)
         again = lost.landmark[index], left[index], right[index], lost.anchors[index]
-        return frame.joined(frame.with_landmarks(*again))
+        return frame.joined(self._on_surfaces(frame.with_landmarks(*again)))
 
     def _spaced(self, left: Points, alike: Array, found: Mask, frame: Frame) -> NDArray[np.int64]:
         """Return indices of the points (N, 2) found that are most alike, apart from each other."""
@@ -280,7 +298,7 @@ class KltTracker:
         right, new = self._in_right(frame, left, guess, self._config.pyramid_levels)
         landmark = self._landmark_count + np.arange(new.sum())
         self._landmark_count += len(landmark)
-        return frame.anchored(landmark, left[new], right[new])
+        return self._anchored(frame, landmark, left[new], right[new])
 
     def _most_telling(self, left: Points, guess: Points, frame: Frame) -> tuple[Points, Points]:
         """Choose as many left points (N, 2), and right ones, as a frame has room for.
