@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from factors.kernels.compiled import kernel
-from factors.kernels.se3 import copy_kernel
+from factors.kernels.se3 import copy_kernel, product_kernel
 from factors.lie import se3_inverse
 from gpvo.array_table import ArrayTable
 
@@ -142,16 +142,15 @@ def _warp_kernel(
     gradient: Array,
 ) -> Array:
     now = _points_kernel(camera, T_cam_start, point, disparity, T_start_then)
-    warps, slope, moved = np.empty((len(point), 3, 2)), np.empty((3, 2)), np.empty(3)
+    warps, slope = np.empty((len(point), 3, 2)), np.empty((3, 2))
     for i in range(len(point)):
         depth = max(now[i, 2], 1e-6)
         scale = camera[0] * camera[4] / disparity[i] / depth
-        _origin(T_cam_start, T_start_then[i], moved)
+        T_cam_then = product_kernel(T_cam_start, T_start_then[i])
         for row in range(3):
             for k in range(2):
-                turned = _product(T_cam_start, T_start_then[i], row, k)
-                bent = moved[row] / depth * gradient[i, k] * camera[k] / disparity[i]
-                slope[row, k] = scale * turned + bent
+                bent = T_cam_then[row, 3] / depth * gradient[i, k] * camera[k] / disparity[i]
+                slope[row, k] = scale * T_cam_then[row, k] + bent
         for row in range(2):
             for k in range(2):
                 change = slope[row, k] - now[i, row] / depth * slope[2, k]
@@ -184,18 +183,3 @@ def move(T: Array, point: Array, moved: Array) -> None:
     """Set a point (3,) moved by a transform (4, 4)."""
     for row in range(3):
         moved[row] = T[row, 0] * point[0] + T[row, 1] * point[1] + T[row, 2] * point[2] + T[row, 3]
-
-
-@kernel
-def _origin(A: Array, B: Array, moved: Array) -> None:
-    """Set the translation (3,) of the product of two transforms (4, 4)."""
-    for row in range(3):
-        moved[row] = A[row, 3]
-        for k in range(3):
-            moved[row] += A[row, k] * B[k, 3]
-
-
-@kernel
-def _product(A: Array, B: Array, row: int, column: int) -> float:
-    """Return an element of the product of two rotations."""
-    return A[row, 0] * B[0, column] + A[row, 1] * B[1, column] + A[row, 2] * B[2, column]

@@ -130,7 +130,7 @@ def drift_before_a_wall(slopes: bool) -> float:
     """Move along a wall at an angle; return the tracks' median error after 0.4 m, pixels.
 
     The wall is n . X = 1 in the first left camera; a camera at t sees what the first one does moved
-    by the homography K (1 - t n^T)  K^-1, up to its scale.
+    by the homography K (1 - t n^T) K^-1, up to its scale.
     """
     camera = StereoCamera(FOCAL_LENGTH, FOCAL_LENGTH, *MIDDLE, 0.14)
     K = np.array([[FOCAL_LENGTH, 0, MIDDLE[0]], [0, FOCAL_LENGTH, MIDDLE[1]], [0, 0, 1]])

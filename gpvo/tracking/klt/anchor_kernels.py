@@ -13,15 +13,13 @@ from gpvo.tracking.klt.patch_kernels import (
     centre,
     differentiate,
     dot,
+    relative_contrast,
     sample_centred,
 )
 
 Array = NDArray[np.float64]
 Patches = NDArray[np.uint8]
 Points = NDArray[np.float32]
-
-LEAST_GAIN, MOST_GAIN = 0.2, 5.0
-"""Contrast of an image, relative to that of a patch, with which a search begins."""
 
 
 @kernel
@@ -76,8 +74,7 @@ def match_anchors_kernel(
         differentiate(samples, width, across, down)
         centre(samples[width + 1 :], side, width, patch)
         sample_centred(image, u, v, side, width, window, seen, image_patch)
-        gain = dot(patch, image_patch) / max(dot(patch, patch), 1e-9)
-        gain = min(max(gain, LEAST_GAIN), MOST_GAIN)
+        gain = relative_contrast(patch, image_patch)
         for gradient in (across, down):
             centre(gradient, side, width, gradient)
             remove(patch, gain, gradient)

@@ -65,7 +65,7 @@ def follow(
 
 def _quad(previous: Frame, frame: Frame) -> Quad:
     """Return the levels of each match of the quad."""
-    before, now = ((one.left_image, one.right_image) for one in (previous, frame))
+    before, now = (one.images for one in (previous, frame))
     corners = before[0], now[0], now[1], before[1]
     first, second, third, last = map(pairs_of_levels, corners, (*corners[1:], corners[0]))
     return first, second, third, last

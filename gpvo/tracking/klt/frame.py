@@ -40,6 +40,11 @@ class Frame:
         return cls(left_image, right_image, T_start_cam, landmark, points, points, anchors)
 
     @property
+    def images(self) -> tuple[Pyramid, Pyramid]:
+        """Left and right image."""
+        return self.left_image, self.right_image
+
+    @property
     def sights(self) -> Sights:
         """Where the landmarks are in this frame."""
         return Sights.of_frame(self.left, self.right, self.T_start_cam)
@@ -48,8 +53,7 @@ class Frame:
         self, landmark: NDArray[np.int64], left: Points, right: Points, anchors: Anchors
     ) -> Frame:
         """Return the same images with other landmarks."""
-        images = self.left_image, self.right_image, self.T_start_cam
-        return Frame(*images, landmark, left, right, anchors)
+        return Frame(*self.images, self.T_start_cam, landmark, left, right, anchors)
 
     def anchored(
         self,

@@ -22,9 +22,8 @@ from gpvo.tracking.klt.patch_kernels import (
     copy_patch,
     corner_sums,
     corner_weights,
-    differentiate,
     dot,
-    interpolate,
+    sample_gradients,
     weighted_sum,
 )
 
@@ -138,9 +137,7 @@ def _match_level(
         u, v = points[i, 0] + corner, points[i, 1] + corner
         found[i] = touches(source, side, u, v)
         if found[i]:
-            copy_patch(source, u - 1, v - 1, side + 3, width, window)
-            interpolate(window, u - np.floor(u), v - np.floor(v), width, samples)
-            differentiate(samples, width, across, down)
+            sample_gradients(source, u, v, side, width, window, samples, across, down)
             columns = inside(u, source.shape[1], side)
             clear_outside(columns, inside(v, source.shape[0], side), width, across, down)
             still = dot(samples[width + 1 :], across), dot(samples[width + 1 :], down)

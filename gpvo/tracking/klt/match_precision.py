@@ -14,11 +14,9 @@ from gpvo.tracking.klt.patch_kernels import (
     Level,
     centre,
     clear_outside,
-    copy_patch,
-    differentiate,
     dot,
-    interpolate,
     sample_centred,
+    sample_gradients,
 )
 
 Array = NDArray[np.float64]
@@ -109,9 +107,7 @@ def compare_patches_kernel(
     for i in range(len(points)):
         u, v = points[i, 0] + corner, points[i, 1] + corner
         if touches(left, side, u, v):
-            copy_patch(left, u - 1, v - 1, side + 3, width, window)
-            interpolate(window, u - np.floor(u), v - np.floor(v), width, samples)
-            differentiate(samples, width, across, down)
+            sample_gradients(left, u, v, side, width, window, samples, across, down)
             clear_outside((0, side), (0, side), width, across, down)
             squares[i, 0] = dot(across, across)
             squares[i, 1] = dot(across, down)

@@ -15,6 +15,8 @@ Row = NDArray[np.float32]
 """Rows of a patch, one after the other."""
 Corners = tuple[float, float, float, float]
 """Values at four pixels around a place: the first, right of it, below it, and both."""
+LEAST_GAIN, MOST_GAIN = 0.2, 5.0
+"""Contrast of an image, relative to that of a patch, with which it is compared."""
 
 
 @kernel
@@ -109,6 +111,24 @@ def centre(values: Row, side: int, width: int, centred: Row) -> None:
 
 
 @inner_kernel
+def sample_gradients(
+    image: Level,
+    u: float,
+    v: float,
+    side: int,
+    width: int,
+    window: Row,
+    samples: Row,
+    across: Row,
+    down: Row,
+) -> None:
+    """Sample the patch of an image with its first pixel at (u, v), with a margin of a pixel."""
+    copy_patch(image, u - 1, v - 1, side + 3, width, window)
+    interpolate(window, u - np.floor(u), v - np.floor(v), width, samples)
+    differentiate(samples, width, across, down)
+
+
+@inner_kernel
 def sample_centred(
     image: Level, u: float, v: float, side: int, width: int, window: Row, seen: Row, centred: Row
 ) -> None:
@@ -124,6 +144,13 @@ def dot(a: Row, b: Row) -> float:
     for k in range(len(b)):
         total += a[k] * b[k]
     return float(total)
+
+
+@inner_kernel
+def relative_contrast(patch: Row, other: Row) -> float:
+    """Compute the contrast of another patch relative to one, both without their means."""
+    gain = dot(patch, other) / max(dot(patch, patch), 1e-9)
+    return min(max(gain, LEAST_GAIN), MOST_GAIN)
 
 
 @fast_kernel

@@ -13,17 +13,15 @@ from numpy.typing import NDArray
 
 from factors.kernels.compiled import fast_kernel, inner_kernel, kernel
 from gpvo.second_thread import in_halves
-from gpvo.tracking.klt.anchor_kernels import LEAST_GAIN, MOST_GAIN
 from gpvo.tracking.klt.lucas_kanade import BEYOND, Pyramid, inside, touches
 from gpvo.tracking.klt.patch_kernels import (
     Level,
     Row,
     centre,
     clear_outside,
-    copy_patch,
-    differentiate,
     dot,
-    interpolate,
+    relative_contrast,
+    sample_gradients,
 )
 
 Array = NDArray[np.float64]
@@ -108,9 +106,7 @@ def match_surfaces_kernel(
         u, v = points[n, 0] + corner, points[n, 1] + corner
         x, y = matches[n, 0] + corner, matches[n, 1] + corner
         if touches(left, side, u, v) and touches(right, side, x, y):
-            copy_patch(left, u - 1, v - 1, side + 3, width, window)
-            interpolate(window, u - np.floor(u), v - np.floor(v), width, samples)
-            differentiate(samples, width, parts[1], down)
+            sample_gradients(left, u, v, side, width, window, samples, parts[1], down)
             columns, other = inside(u, left.shape[1], side), inside(x, right.shape[1], side)
             both = max(columns[0], other[0]), min(columns[1], other[1])
             clear_outside(both, inside(v, left.shape[0], side), width, parts[1], down)
@@ -170,8 +166,7 @@ def _solved(
 def _remove(patch: Row, side: int, seen: Row) -> float:
     """Leave of another patch what it differs by, whatever its brightness; return its contrast."""
     centre(seen, side, side + 3, seen)
-    gain = dot(patch, seen) / max(dot(patch, patch), 1e-9)
-    gain = min(max(gain, LEAST_GAIN), MOST_GAIN)
+    gain = relative_contrast(patch, seen)
     _subtract(patch, gain, seen)
     return gain
 

@@ -147,8 +147,7 @@ class KltTracker:
 
     def _deviations(self, seen: Frame, others: Array) -> Array:
         """Compute relative standard deviations (N, 3) of landmarks, and keep their variances."""
-        images = seen.left_image, seen.right_image
-        self._variances = match_variances(*images, seen.left, seen.right)
+        self._variances = match_variances(*seen.images, seen.left, seen.right)
         return self._precision.deviations(self._variances, others)
 
     def _pyramid(self, image: Image) -> Pyramid:
@@ -174,8 +173,8 @@ class KltTracker:
         """Return a frame with landmarks seen first in it, at left and right points (N, 2)."""
         if self._camera is None or not self._config.slopes:
             return frame.anchored(landmark, left, right)
-        images, focal_length = (frame.left_image, frame.right_image), self._camera.parameters[0]
-        right, slope = fit_surfaces(*images, left, right, focal_length)
+        focal_length = self._camera.parameters[0]
+        right, slope = fit_surfaces(*frame.images, left, right, focal_length)
         return frame.anchored(landmark, left, right, slope)
 
     def _on_surfaces(self, frame: Frame) -> Frame:
@@ -183,8 +182,7 @@ class KltTracker:
         if self._camera is None or not self._config.slopes:
             return frame
         slope = slopes(self._camera, frame.T_start_cam, frame.anchors.sights)
-        images = frame.left_image, frame.right_image
-        right = match_on_surfaces(*images, frame.left, frame.right, slope)
+        right = match_on_surfaces(*frame.images, frame.left, frame.right, slope)
         return frame.with_landmarks(frame.landmark, frame.left, right, frame.anchors)
 
     def _predicted(self, previous: Frame, frame: Frame) -> tuple[Points, Points]:
@@ -216,7 +214,7 @@ class KltTracker:
         for _ in range(REFINEMENTS):
             if T is None:
                 return frame
-            empty = Frame.without_landmarks(frame.left_image, frame.right_image, T)
+            empty = Frame.without_landmarks(*frame.images, T)
             again = self._with_found_again(empty)
             T = refined_pose(self._camera, again, lost)
         self._relocations = 0
@@ -293,7 +291,7 @@ class KltTracker:
 
     def _in_stereo(self, left: Points, frame: Frame) -> Frame:
         """Make landmarks of the left features (N, 2) that have a match in the right image."""
-        guess, known = search_rows(frame.left_image, frame.right_image, left)
+        guess, known = search_rows(*frame.images, left)
         left, guess = self._most_telling(left[known], guess[known], frame)
         right, new = self._in_right(frame, left, guess, self._config.pyramid_levels)
         landmark = self._landmark_count + np.arange(new.sum())
@@ -323,9 +321,9 @@ class KltTracker:
 
         The search begins at the guess (N, 2), at most `coarser` levels above the image.
         """
-        images = frame.left_image, frame.right_image
-        right, found = match_patches(*images, left, guess, coarser)
-        back, found_back = match_patches(*images[::-1], right, right + (left - guess), coarser)
+        right, found = match_patches(*frame.images, left, guess, coarser)
+        again = *frame.images[::-1], right, right + (left - guess)
+        back, found_back = match_patches(*again, coarser)
         closed = np.linalg.norm(back - left, axis=1) < self._closure_tolerance
         return right, found & found_back & closed & self._is_stereo(frame, left, right)
 
