@@ -91,6 +91,8 @@ CASES = (
         baseline=0.5,
         boxes=25,
     ),
+    # As a hall of 30 m with the usual baseline: disparities of a pixel or two.
+    _case("far", baseline=0.02),
     _case("hot_pixel", hot_pixel),
     _case("hot_pixels", partial(hot_pixels, number=40, rate=20e3)),
     _case("flicker", partial(flicker, frequency=100.0, disparity=8)),

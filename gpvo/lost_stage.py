@@ -107,7 +107,7 @@ def _tracklets(lost: Sequence[ClusterReport]) -> list[_Stage]:
             f"{out_of_bounds} of them with left and right events too far apart in time or too"
             " small a disparity",
             observations - out_of_bounds < FEW,
-            "are the cameras' clocks apart, is all of the scene far away?"
+            "are the cameras' clocks apart, is all of the scene too far away for the baseline?"
             " see tracklets.max_stereo_time_difference and tracklets.min_disparity",
         ),
         _Stage(

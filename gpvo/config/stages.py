@@ -406,7 +406,10 @@ class TrackletConfig(StageConfig):
         default=0.020, gt=0, description="Largest time difference between left and right, seconds."
     )
     min_disparity: float = Field(
-        default=2.0, ge=0, description="Smallest disparity, tracked pixels."
+        default=0.1,
+        ge=0,
+        description="Smallest disparity, tracked pixels: below it nothing is told of the depth. "
+        "What is far tells the rotation, and holds the path of a small baseline. 2 in the paper.",
     )
     min_length: float = Field(
         default=2.0, ge=0, description="Smallest image motion, tracked pixels."
