@@ -153,9 +153,17 @@ def rectified(camera: str, field: str, value: object) -> dict[str, Any]:
     return content
 
 
-def beside(x: float, y: float) -> list[list[float]]:
+def beside(x: float, y: float, z: float = 0.0) -> list[list[float]]:
     """Return T_cn_cnm1 of parallel cameras."""
-    return [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    return [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]]
+
+
+def radtan(x: float, y: float, z: float) -> dict[str, Any]:
+    """Return a camchain of parallel pinhole cameras, the right one moved by T_cn_cnm1."""
+    content = edited("cam1", "T_cn_cnm1", beside(x, y, z))
+    for camera in content.values():
+        camera["distortion_model"] = "radtan"
+    return content
 
 
 OTHER_F = [[21.0, 0.0, 32.0, -2.0], [0.0, 21.0, 24.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
@@ -188,7 +196,11 @@ FAULTS = [
     (edited("cam1", "T_cn_cnm1", (2 * np.eye(4)).tolist()), "cam1/T_cn_cnm1 is not a rotation"),
     (edited("cam1", "T_cn_cnm1", beside(0.1, 0.0)), "cam1/T_cn_cnm1 gives no positive baseline"),
     (edited("cam1", "T_cn_cnm1", beside(0.0, -0.1)), "cam1/T_cn_cnm1 does not place"),
-    (edited("cam1", "T_cn_cnm1", beside(0.0, 0.0)), "cam1/T_cn_cnm1"),
+    (edited("cam1", "T_cn_cnm1", beside(0.0, 0.0)), "cam1/T_cn_cnm1 does not place"),
+    (edited("cam1", "T_cn_cnm1", beside(-100.0, 0.0)), "gives a baseline of 100 m: lengths must"),
+    (radtan(0.0, 0.0, 0.0), "cam1/T_cn_cnm1 does not place"),
+    (radtan(0.0, 0.0, -0.1), "cam1/T_cn_cnm1 does not place"),
+    (radtan(-0.1, 0.0, -0.2), "cam1/T_cn_cnm1 does not place"),
     (edited("cam0", "rectification_matrix", np.eye(3).tolist()), "cam1/rectification_matrix"),
     (rectified("cam0", "rectification_matrix", np.ones((3, 3)).tolist()), "cam0/rectification"),
     (rectified("cam0", "rectification_matrix", (-np.eye(3)).tolist()), "cam0/rectification"),

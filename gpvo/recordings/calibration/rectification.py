@@ -14,6 +14,9 @@ from gpvo.recordings.calibration.rig import Camera, StereoRig
 
 Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
 
+LONGEST = 10.0
+"""Baseline beyond which lengths are not in metres, metres."""
+
 
 def rectified_rig(
     left: Camera, right: Camera, T_right_left: NDArray[np.float64], fields: Fields, source: str
@@ -29,8 +32,8 @@ def rectified_rig(
     """
     R, t = T_right_left[:3, :3].copy(), T_right_left[:3, 3:].copy()
     fields.check_rotation(source, R)
-    if abs(t[1, 0]) > abs(t[0, 0]):
-        fields.fail(source, "does not place the cameras side by side")
+    if not abs(t[0, 0]) > max(abs(t[1, 0]), abs(t[2, 0])):
+        fields.fail(source, f"does not place the cameras side by side: it moves by {t[:, 0]} m")
     fisheye = left.distortion_model == "equidistant"
     if fisheye != (right.distortion_model == "equidistant"):
         fields.fail("distortion_model", "must be that of cam0, or give rectification matrices")
@@ -61,5 +64,7 @@ def projected_rig(
     baseline = float(-P_right[0, 3] / f)
     if not 0.0 < baseline < np.inf:
         fields.fail(source, "gives no positive baseline; cam0 must be the left camera")
+    if baseline > LONGEST:
+        fields.fail(source, f"gives a baseline of {baseline:g} m: lengths must be in metres")
     left, right = replace(left, R_rect=R_rect[0]), replace(right, R_rect=R_rect[1])
     return StereoRig(left, right, f, (cx, cy), baseline)
