@@ -40,7 +40,7 @@ DEPARTURES: dict[str, tuple[str, ...]] = {
         "noise.measurement_memory",
     ),
     "no acceleration ahead": ("noise.acceleration_memory",),
-    "no threshold in pixels": ("mc_ransac.pixel_threshold",),
+    "no threshold in pixels": ("mc_ransac.pixel_threshold", "mc_ransac.disparity_tolerance"),
     "all samples drawn, refined once": ("mc_ransac.confidence", "mc_ransac.refinements"),
     "least squares": ("estimator.loss", "estimator.loss_scale"),
     "window without memory": ("estimator.method",),

@@ -27,7 +27,7 @@ Powers = Mapping[str, float]
 
 LENGTHS: dict[str, Powers] = {
     "tracklets": {"time_radius": 1, "min_disparity": 1, "min_length": 1},
-    "mc_ransac": {"pixel_threshold": 1},
+    "mc_ransac": {"pixel_threshold": 1, "disparity_tolerance": 1},
     "noise": {
         "measurement_information": -2,
         "track_drift": 1,

@@ -56,6 +56,7 @@ PAPER: dict[str, Any] = {
         "iterations": 10_000,
         "relative_threshold": 0.05,
         "pixel_threshold": 0.0,
+        "disparity_tolerance": 0.0,
         "confidence": 1.0,
         "track_record": False,
         "refinements": 1,

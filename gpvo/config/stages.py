@@ -453,6 +453,13 @@ class McRansacConfig(StageConfig):
         description="Errors up to this are inliers however short the segment, tracked pixels; "
         "0 for the paper's rule.",
     )
+    disparity_tolerance: float = Field(
+        default=0.45,
+        ge=0,
+        description="Error of a disparity, tracked pixels, three standard deviations: its share of "
+        "the disparity is that of the depth, and as large a share of a segment's length is no sign "
+        "of an outlier. 0 for the paper's rule.",
+    )
     span: int = Field(
         default=4, ge=1, description="Clusters between the two measurements of a segment, at most."
     )

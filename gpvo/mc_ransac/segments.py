@@ -15,6 +15,8 @@ from gpvo.mc_ransac.fast_kernels import explained_kernel
 from gpvo.tracking import Measurements
 
 Array = NDArray[np.float64]
+LEAST_DISPARITY = 1e-3
+"""Pixels; below it the depth may be any."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,10 @@ def are_inliers(
 def inlier_tolerance(segments: Segments, config: McRansacConfig) -> Array:
     """Compute the largest reprojection error (N,) of an inlier, pixels.
 
-    It is a share of the segment's length, at least `config.pixel_threshold`.
+    It is a share of the segment's length, at least `config.pixel_threshold`. The share also holds
+    that of the disparity's error: the depth, on which the length depends, is off by as much.
     """
     length = np.linalg.norm(segments.later - segments.earlier, axis=1)
-    return np.maximum(config.relative_threshold * length, config.pixel_threshold)
+    of_depth = config.disparity_tolerance / np.maximum(segments.earlier[:, 2], LEAST_DISPARITY)
+    share = np.hypot(config.relative_threshold, of_depth)
+    return np.maximum(share * length, config.pixel_threshold)

@@ -146,7 +146,8 @@ def test_tracklets_that_are_too_short(room: SimulatedRecording) -> None:
 
 
 def test_few_inliers_among_tracklets(room: SimulatedRecording) -> None:
-    message = failure(room, mc_ransac={"pixel_threshold": 0, "relative_threshold": 1e-6})
+    exact = {"pixel_threshold": 0, "disparity_tolerance": 0, "relative_threshold": 1e-6}
+    message = failure(room, mc_ransac=exact)
     assert "long enough, no velocity that explains them; " in message
 
 

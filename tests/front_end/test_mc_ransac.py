@@ -24,7 +24,9 @@ CONFIG = McRansacConfig(iterations=300)
 EXACT = McRansacConfig(iterations=300, refinement_tolerance=1e-12)
 # Durations for which the linear motion of the fast version is exact to a pixel.
 SHORT = (0.02, 0.12)
-PAPER = McRansacConfig(iterations=300, pixel_threshold=0, confidence=1, refinements=1)
+PAPER = McRansacConfig(
+    iterations=300, pixel_threshold=0, disparity_tolerance=0, confidence=1, refinements=1
+)
 
 
 def random_segments(
@@ -311,7 +313,23 @@ def test_inliers_of_the_paper_have_a_small_relative_error() -> None:
     np.testing.assert_allclose(inlier_tolerance(moved, PAPER), 0.05 * moved_length)
 
     ours = are_inliers(moved, CAMERA, velocity, CONFIG)
+    of_depth = CONFIG.disparity_tolerance / moved.earlier[:, 2]
+    expected = error <= np.hypot(0.05, of_depth) * moved_length
     np.testing.assert_array_equal(ours, expected | (error <= CONFIG.pixel_threshold))
+
+
+def test_what_is_far_may_be_off_by_its_depth() -> None:
+    """A disparity off by a share makes the way of a point in the image longer by that share."""
+    rng = np.random.default_rng(4)
+    velocity = np.array([0, 0, 0, 0.5, 0.1, 8.0])
+    points = rng.uniform([-8, -6, 8], [8, 6, 20], (200, 3))
+    dt = rng.uniform(0.1, 0.3, 200)
+    earlier, later = CAMERA.project(points), CAMERA.project(moved_points(points, dt, velocity))
+    earlier[:, 2] += rng.uniform(-0.3, 0.3, 200)
+    segments = Segments(earlier, later, dt)
+    assert are_inliers(segments, CAMERA, velocity, CONFIG).all()
+    without = CONFIG.model_copy(update={"disparity_tolerance": 0.0})
+    assert are_inliers(segments, CAMERA, velocity, without).mean() < 0.7
 
 
 def test_points_behind_the_camera_are_no_inliers() -> None:
