@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from gpvo import Odometry
 from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation import evaluate
+from gpvo.evaluation.front_end.truth import truth_of_simulation
 from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.mapping.recorder import MeasurementRecorder
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
-from gpvo.tracking import Measurements
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -28,18 +25,6 @@ def recording() -> SimulatedRecording:
     )
 
 
-def true_disparity(recording: SimulatedRecording, seen: Measurements) -> Array:
-    """Return the disparities (N,) of the surfaces that are measured."""
-    rig, found = recording.rig, np.empty(len(seen))
-    K = np.diag([rig.focal_length, rig.focal_length, 1.0])
-    K[:2, 2] = rig.principal_point
-    for i, T in enumerate(recording.motion.pose(seen.t)):
-        found[i] = (
-            rig.focal_length * rig.baseline / recording.scene.depth(seen.stereo[[i], :2], K, T)[0]
-        )
-    return found
-
-
 def test_it_is_followed(recording: SimulatedRecording) -> None:
     seen = MeasurementRecorder()
     odometry = Odometry(recording.rig, observer=seen)
@@ -48,7 +33,7 @@ def test_it_is_followed(recording: SimulatedRecording) -> None:
     assert np.median(inliers) > 60
     evaluation = evaluate(ContinuousPoses.of(trajectory), recording.ground_truth, step=0.01)
     assert evaluation.global_error.statistics("translation").final_percent < 5
-    disparity = true_disparity(recording, seen.measurements)
+    disparity = truth_of_simulation(recording).disparity(seen.measurements, odometry.camera)
     assert np.median(disparity) < 1.5
     error = seen.measurements.stereo[:, 2] - disparity
     assert abs(np.median(error)) < 0.02
