@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from factors import StereoCamera
 from gpvo.config import Configuration, for_camera, in_full_pixels
 from gpvo.events import Clustering, ImageMotion, StereoCluster
-from gpvo.mc_ransac import TrackRecord, VelocityFit, mc_ransac, segments_between
+from gpvo.mc_ransac import (
+    TrackRecord,
+    VelocityFit,
+    mc_ransac,
+    segments_between,
+    trusted_velocity,
+)
 from gpvo.recordings import StereoRig
 from gpvo.tracking import (
     EgoMotion,
@@ -110,7 +116,7 @@ class FrontEnd:
         self._acceleration = ImageAcceleration(self.camera)
         self._image_speed: float | None = None
         self._inliers, self._share = 0, 1.0
-        self._qc: NDArray[np.float64] | None = None
+        self._latest: MotionEstimate | None = None
         self._stage = stage
         self.clustering = Clustering(
             rig, self.configuration.clustering, self._tracked_motion, self._at_rest
@@ -149,8 +155,9 @@ class FrontEnd:
             measurements = self._tracklets.take(later.landmark[inliers])
         if estimate is not None:
             self._acceleration.follow(cluster.stop, estimate.velocity, later.stereo[:, 2])
-            if self._motion is not None:
-                self._motion.velocity = estimate.velocity
+        if self._motion is not None:
+            middle = 0.5 * (cluster.start + cluster.stop)
+            self._motion.velocity = trusted_velocity(estimate, self._latest, middle)
         self._image_speed = self._tracklets.image_speed()
         self._inliers = int(inliers.sum())
         return TrackedCluster(
@@ -185,7 +192,8 @@ class FrontEnd:
         if self._image_speed is None or (report is not None and report.turns):
             return ImageMotion(acceleration=known.value / pixel)
         agree = self._inliers >= AGREE * self._share * self.configuration.tracking.klt.features(0.0)
-        density = known.density(self._qc) if agree and self._qc is not None else np.inf
+        qc = None if self._latest is None else self._latest.qc
+        density = known.density(qc) if agree and qc is not None else np.inf
         return ImageMotion(self._image_speed / pixel, known.value / pixel, density / pixel**2)
 
     def _at_rest(self) -> bool:
@@ -200,7 +208,7 @@ class FrontEnd:
         """
         if latest is None:
             return
-        self._qc = latest.qc
+        self._latest = latest
         if self._motion is not None:
             self._motion.restart(latest.t, latest.T_world_cam)
 

@@ -48,6 +48,11 @@ class AccelerationAhead:
         acceleration = mean_acceleration(known, self._memory * (stop - start))
         self._latest.append(_Ahead(start, stop, acceleration))
 
+    @property
+    def latest(self) -> Array:
+        """Mean (6,) in the latest update, rad/s^2 and m/s^2; 0 before the first one."""
+        return self._latest[-1].acceleration if self._latest else np.zeros(6)
+
     def between(self, t: Array) -> Array:
         """Return the mean (K - 1, 6) between states at times t (K,), rad/s^2 and m/s^2."""
         middle, mean = 0.5 * (t[:-1] + t[1:]), np.zeros((max(len(t) - 1, 0), 6))

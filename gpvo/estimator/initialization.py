@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from factors.checks import checked_pose, checked_vector
 from gpvo.config.stages import NoiseConfig
-from gpvo.mc_ransac.iterative import VelocityFit
+from gpvo.mc_ransac import VelocityFit, fused_velocity
 from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
@@ -77,11 +77,3 @@ def velocity_ahead(states: States, t: float, fit: VelocityFit | None, noise: Noi
     """
     drift = max(t - states.t[-1], 0.0) * np.diag(noise.acceleration_psd)
     return fused_velocity(states.twist[-1], drift + ESTIMATED_VELOCITY * np.eye(6), fit)
-
-
-def fused_velocity(predicted: Array, covariance: Array, fit: VelocityFit | None) -> Array:
-    """Predicted twist (6,), with its covariance (6, 6), corrected by the measured one."""
-    if fit is None:
-        return predicted
-    gain = covariance @ np.linalg.inv(covariance + fit.covariance)
-    return predicted + gain @ (fit.velocity - predicted)

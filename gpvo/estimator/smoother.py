@@ -253,6 +253,7 @@ class FixedLagSmoother:
             keys.twist[-1],
             covariance,
             np.array(self._build.noise.acceleration_psd),
+            self._window.motion.latest_acceleration,
         )
 
     def final_states(self, after: float = -np.inf) -> States:

@@ -41,6 +41,11 @@ class WindowMotion:
         """Return the mean (K - 1, 6) of the acceleration between states at times t (K,)."""
         return self._ahead.between(t)
 
+    @property
+    def latest_acceleration(self) -> Array:
+        """Mean (6,) of the acceleration in the latest update."""
+        return self._ahead.latest
+
     def follow(self, update: GraphUpdate, window: NumberedStates, known: int) -> None:
         """Replace the priors by those between the states that stay; the first `known` have some."""
         numbers, t = window.numbers, window.states.t

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ class MotionEstimate:
         (12, 12) of pose and velocity; the pose is perturbed on the right, rotation first.
     qc
         (6,) power spectral density of the white noise on acceleration, rotation first.
+    acceleration
+        (6,) mean of the acceleration lately, rad/s^2 and m/s^2; 0 if it is unknown.
     """
 
     t: float
@@ -35,6 +37,7 @@ class MotionEstimate:
     twist: Array
     covariance: Array
     qc: Array
+    acceleration: Array = field(default_factory=lambda: np.zeros(6))
 
     def at(self, t: float) -> MotionEstimate:
         """Extrapolate to a time t >= self.t, seconds, at constant velocity and with its noise.

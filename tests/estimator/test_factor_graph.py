@@ -12,10 +12,8 @@ from gpvo.config import EstimatorConfig, NoiseConfig
 from gpvo.estimator.batch_graph import Window, landmark_points, nested_dissection
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate, NumberedStates
-from gpvo.estimator.initialization import fused_velocity
 from gpvo.estimator.isam2 import are_covariances, blocks_of_neighbours, prior_covariance
 from gpvo.estimator.state_times import state_times
-from gpvo.mc_ransac import VelocityFit
 from gpvo.tracking import Measurements, seen_twice
 from gpvo.trajectory import States
 
@@ -146,12 +144,3 @@ def test_numbered_states_are_cut_where_states_leave() -> None:
     update.add_states(window_states.after(3))
     assert dict(update.stamps) == {X(10): 3.0, V(10): 3.0}
     assert sorted(update.values.keys()) == sorted([X(10), V(10)])
-
-
-def test_fused_velocity_weighs_by_covariance() -> None:
-    predicted, measured = np.zeros(6), np.ones(6)
-    fit = VelocityFit(measured, np.eye(6), np.ones(0, bool))
-    assert np.allclose(fused_velocity(predicted, np.eye(6), fit), 0.5)
-    assert np.allclose(fused_velocity(predicted, 1e12 * np.eye(6), fit), 1.0)
-    assert np.allclose(fused_velocity(predicted, 1e-12 * np.eye(6), fit), 0.0)
-    assert np.array_equal(fused_velocity(predicted, np.eye(6), None), predicted)
