@@ -33,6 +33,9 @@ class SimulationConfig(StageConfig):
         gt=0,
         description="Change of log intensity that makes an event, both polarities.",
     )
+    right_threshold: float | None = Field(
+        default=None, gt=0, description="That of the right camera; the same if it is null."
+    )
     threshold_sigma: float = Field(
         default=0.03, ge=0, description="Standard deviation of the threshold over the pixels."
     )
@@ -52,6 +55,11 @@ class SimulationConfig(StageConfig):
         intrinsics = np.array([self.focal_length, self.focal_length, *centre])
         camera = Camera(self.resolution, intrinsics, "none", np.zeros(4), np.eye(3))
         return StereoRig(camera, camera, self.focal_length, centre, self.baseline)
+
+    @property
+    def right(self) -> SimulationConfig:
+        """The right camera's, with its own threshold."""
+        return self.model_copy(update={"threshold": self.right_threshold or self.threshold})
 
     @property
     def pixels(self) -> int:

@@ -92,8 +92,11 @@ def simulate(config: SimulationConfig, motion: Motion | None = None) -> Simulate
     T_left_right = np.eye(4)
     T_left_right[0, 3] = config.baseline
     poses = motion.pose(times)
-    cameras = (poses, sensor_rngs[0]), (poses @ T_left_right, sensor_rngs[1])
-    sides = [simulate_events(scene, config, times, seen, rng) for seen, rng in cameras]
+    cameras = (config, poses), (config.right, poses @ T_left_right)
+    sides = [
+        simulate_events(scene, camera, times, seen, rng)
+        for (camera, seen), rng in zip(cameras, sensor_rngs, strict=True)
+    ]
     with ThreadPoolExecutor(len(sides)) as pool:  # both cameras at once
         left, right = pool.map(Events.concatenate, sides)
     return _recording(config, scene, motion, left, right)

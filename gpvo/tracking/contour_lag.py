@@ -7,7 +7,9 @@ C / (2 |gradient|) behind where it is, against the direction of its motion, howe
 the play of a gear this changes only after the motion has turned, and with the way since.
 
 The gradient is not known, but C / |gradient| is the way of the contour between two events of a
-pixel: see `gpvo.tracking.event_spacing`.
+pixel: see `gpvo.tracking.event_spacing`. The cameras of a pair see the same gradients with other
+thresholds (`gpvo.tracking.threshold_ratio`): where these differ by a third, disparities would be
+off by 0.1 pixels, one way or the other as the motion goes.
 """
 
 from __future__ import annotations
@@ -15,12 +17,39 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gpvo.events import StereoCluster
+from gpvo.tracking.event_spacing import EventSpacing
 from gpvo.tracking.event_sums import Flow, motion_at
+from gpvo.tracking.threshold_ratio import ThresholdRatio
 
 Array = NDArray[np.float64]
 
 WAY = 0.5
 """Way in a new direction after which most of the lag has turned, pixels."""
+
+
+class StereoLag:
+    """Lags of contours in the left and the right image, `share` as in `ContourLag`.
+
+    Pixels are `side` of the sensor's pixels wide.
+    """
+
+    def __init__(self, share: float, side: int) -> None:
+        self.left, self.right = ContourLag(share), ContourLag(share)
+        self._spacing, self._thresholds = EventSpacing(side), ThresholdRatio()
+
+    def follow(
+        self, cluster: StereoCluster, flows: tuple[Flow, Flow], dt: float, duration: float
+    ) -> Flow:
+        """Turn the lags by the left and right image motion of a cluster in which contours moved.
+
+        dt and the duration are those of `ContourLag.follow`, as is what it returns, of the left.
+        """
+        self._spacing.follow(cluster.left, flows[0], duration)
+        self._thresholds.follow(cluster)
+        spacing = self._spacing.value
+        self.right.follow(flows[1], dt, duration, spacing * self._thresholds.value)
+        return self.left.follow(flows[0], dt, duration, spacing)
 
 
 class ContourLag:

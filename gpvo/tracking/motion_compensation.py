@@ -20,9 +20,8 @@ from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.events.noise_level import NoiseLevel
 from gpvo.second_thread import both
 from gpvo.tracking.compensated_image import CompensatedImage
-from gpvo.tracking.contour_lag import ContourLag
+from gpvo.tracking.contour_lag import StereoLag
 from gpvo.tracking.contour_way import USUAL, ContourWay
-from gpvo.tracking.event_spacing import EventSpacing
 from gpvo.tracking.event_sums import Flow
 from gpvo.tracking.feature_flow import flow_between, median_length
 from gpvo.tracking.observations import Observations
@@ -52,7 +51,6 @@ from 3 to 4, and 1.03 below.
 """
 UNKNOWN: Flow = np.zeros((1, 1, 2), np.float32)
 """Image motion if it is unknown: none."""
-NO_EVENTS = ClusterEvents((), np.empty((0, 0, 2), np.float32), (0, 0))
 
 
 class MotionCompensation:
@@ -82,8 +80,8 @@ class MotionCompensation:
         self._waiting: Observations | None = None
         self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN
         self._learned, self._doubts = 0, deque[float](maxlen=frames)
-        self._lags = ContourLag(config.lag_share), ContourLag(config.lag_share)
-        self._spacing, self._events = EventSpacing(side), NO_EVENTS
+        self._lag = StereoLag(config.lag_share, side)
+        self._cluster: StereoCluster | None = None
         self._full_count, self._way = deque[float](maxlen=USUAL), ContourWay(config.little_motion)
         self._noise, self._still = NoiseLevel(), False
 
@@ -96,7 +94,7 @@ class MotionCompensation:
         """Make the left and right picture of a new cluster at the middle of its interval."""
         middle = 0.5 * (cluster.start + cluster.stop)
         self._pause, self._stop = cluster.start - self._stop, cluster.stop
-        self._events, self.blurred = cluster.left, False
+        self._cluster, self.blurred = cluster, False
         self.at_rest = self._is_still(cluster)
         before = self.hardly_moved
         self.hardly_moved = self._moved_little(cluster, middle) and not self.at_rest
@@ -193,9 +191,9 @@ class MotionCompensation:
                 partial(right_image.at_own_times, seen.right[now], radius),
             )
             right[now] += left[now] - seen.left[now]
-            ahead = self._lags[0].ahead(seen.left[now])
+            ahead = self._lag.left.ahead(seen.left[now])
             left[now] += ahead
-            right[now, 0] += self._lags[1].ahead(seen.right[now])[:, 0]
+            right[now, 0] += self._lag.right.ahead(seen.right[now])[:, 0]
             right[now, 1] += ahead[:, 1]  # the row is measured on the left
             deviations[now, :2] *= doubt
         return replace(seen, left=left, right=right, own_times=times, own_deviations=deviations)
@@ -240,11 +238,8 @@ class MotionCompensation:
         if not self.at_rest:
             self._way.learn(median_length(left))
         duration = dt - self._pause
-        if self._config.lag_share > 0:
-            self._spacing.follow(self._events, left, duration)
-        change, _ = (
-            lag.follow(flow, dt, duration, self._spacing.value)
-            for lag, flow in zip(self._lags, self._flows, strict=True)
-        )
+        if self._config.lag_share == 0 or self._cluster is None or self.at_rest:
+            return
+        change = self._lag.follow(self._cluster, self._flows, dt, duration)
         turned = min(UNSURE, hypot(1, median_length(change) / TURN))
         self._doubts[-1] = max(self._doubts[-1], turned)

@@ -209,7 +209,7 @@ def test_observations_count_less_while_the_lag_turns() -> None:
         np.testing.assert_array_equal(seen.deviations[:, 2], 0.5)
         np.testing.assert_array_equal(seen.deviations[:, 0], seen.deviations[:, 1])
         doubts += (seen.deviations[::count, 0] / 0.5).tolist()
-    lag = np.linalg.norm(np.median(compensation._lags[0].ahead(places), axis=0))
+    lag = np.linalg.norm(np.median(compensation._lag.left.ahead(places), axis=0))
     assert doubts[:2] == [1.0, pytest.approx(np.hypot(1, lag / TURN), rel=0.02)]  # it was unknown
     assert doubts[4:6] == [UNSURE, pytest.approx(np.hypot(1, 2 * lag / TURN), rel=0.02)]
     np.testing.assert_allclose([doubts[3], doubts[6]], 1.0, atol=0.02)  # it stays

@@ -1,0 +1,77 @@
+"""The ratio of the contrast thresholds of two cameras that see the same contours.
+
+A pixel that sees a contour of the contrast D pass has about D / C events. Where contrasts are
+distributed exponentially, numbers of events are so geometrically, and pixels that have any have
+m = 1 / (1 - exp(-C / D)) of them on average, D being the mean contrast. Both cameras have the same
+contrasts, and whatever else they see of the scene, and however many of their pixels are dead:
+log(1 - 1 / m) of each tells the ratio of their thresholds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from factors.kernels.compiled import kernel
+from gpvo.events import ClusterEvents, StereoCluster
+
+ENOUGH = 20_000
+"""Number of a cluster's events that are looked at, about: those of every so many rows."""
+FEWEST = 300
+"""Number of pixels with events that tell the ratio."""
+MEMORY = 100
+"""Number of clusters over which it is averaged: thresholds stay."""
+MOST = 2.0
+"""Largest ratio: what is beyond has other causes."""
+
+
+class ThresholdRatio:
+    """Learns the right camera's contrast threshold over the left one's.
+
+    Attributes
+    ----------
+    value
+        The ratio, as known now; 1 at the beginning.
+    """
+
+    def __init__(self) -> None:
+        self.value = 1.0
+        self._log, self._count = 0.0, 0
+
+    def follow(self, cluster: StereoCluster) -> None:
+        """Learn it from a cluster in which contours moved."""
+        left, right = threshold_over_contrast(cluster.left), threshold_over_contrast(cluster.right)
+        if not (np.isfinite(left) and np.isfinite(right)):
+            return
+        found = float(np.clip(np.log(right / left), -np.log(MOST), np.log(MOST)))
+        self._count = min(self._count + 1, MEMORY)
+        self._log += (found - self._log) / self._count
+        self.value = float(np.exp(self._log))
+
+
+def threshold_over_contrast(events: ClusterEvents) -> float:
+    """Estimate C / D of a cluster's events; not a number if they are too few.
+
+    Noise has a pixel for each event.
+    """
+    rows = max(1, events.event_count // ENOUGH)
+    seen = np.zeros(events.table.shape[:2], np.bool_)
+    total = sum(_mark_kernel(part.x, part.y, rows, seen) for part in events.parts)
+    noise = events.noise_count * total / max(events.event_count, 1)
+    count, pixels = total - noise, np.count_nonzero(seen) - noise
+    if not FEWEST <= pixels < count:
+        return np.nan
+    return -float(np.log1p(-pixels / count))
+
+
+@kernel
+def _mark_kernel(
+    x: NDArray[np.uint16], y: NDArray[np.uint16], rows: int, seen: NDArray[np.bool_]
+) -> int:
+    """Mark the pixels of the events in every so many rows, and count these events."""
+    count = 0
+    for i in range(len(x)):
+        if y[i] % rows == 0:
+            count += 1
+            seen[y[i], x[i]] = True
+    return count

@@ -1,0 +1,115 @@
+"""The ratio of two cameras' contrast thresholds is told by how many events their pixels have."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gpvo import Odometry
+from gpvo.evaluation.front_end.truth import truth_of_simulation
+from gpvo.events import ClusterEvents, StereoCluster
+from gpvo.mapping.recorder import MeasurementRecorder
+from gpvo.recordings import Events
+from gpvo.simulation import SimulationConfig, simulate
+from gpvo.tracking import threshold_ratio
+from gpvo.tracking.threshold_ratio import FEWEST, MOST, ThresholdRatio, threshold_over_contrast
+
+SIDE = 200
+seeds = st.integers(0, 2**32)
+
+
+def cluster(counts: np.ndarray, noise: float = 0.0) -> ClusterEvents:
+    """The events of an image (SIDE, SIDE) of their numbers, in any order, in two parts."""
+    y, x = np.divmod(np.repeat(np.arange(SIDE * SIDE), counts.ravel()), SIDE)
+    order = np.random.default_rng(0).permutation(len(x))
+    x, y = (column[order].astype(np.uint16) for column in (x, y))
+    events = Events(x, y, np.zeros(len(x)), np.ones(len(x), bool))
+    table = np.dstack(np.meshgrid(np.arange(SIDE), np.arange(SIDE))).astype(np.float32)
+    half = len(x) // 2
+    return ClusterEvents((events[:half], events[half:]), table, (SIDE, SIDE), noise_count=noise)
+
+
+def contrasts(seed: int) -> np.ndarray:
+    """Exponential ones, of mean one."""
+    return np.random.default_rng(seed).exponential(1.0, (SIDE, SIDE))
+
+
+def stereo(left: ClusterEvents, right: ClusterEvents) -> StereoCluster:
+    return StereoCluster(0.0, 0.1, left, right)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.floats(0.2, 2.0))
+def test_it_tells_the_threshold_of_exponential_contrasts(seed: int, threshold: float) -> None:
+    counts = (contrasts(seed) / threshold).astype(int)
+    pixels = np.count_nonzero(counts)
+    deviation = 1 / np.sqrt(pixels)  # of a geometric distribution's parameter, relatively, or less
+    assert abs(threshold_over_contrast(cluster(counts)) / threshold - 1) < 6 * deviation
+
+
+@settings(max_examples=10, deadline=None)
+@given(seeds, st.floats(1 / 1.5, 1.5))
+def test_dead_pixels_and_another_view_do_not_matter(seed: int, ratio: float) -> None:
+    """The right camera sees other contours, and half of its pixels are dead."""
+    rng, found = np.random.default_rng(seed), ThresholdRatio()
+    left, right = contrasts(seed) / 0.5, contrasts(seed + 1) / (0.5 * ratio)
+    right[rng.random(right.shape) < 0.5] = 0
+    found.follow(stereo(cluster(left.astype(int)), cluster(right.astype(int))))
+    assert found.value == pytest.approx(ratio, rel=0.08)
+
+
+def test_noise_is_not_counted() -> None:
+    counts = (contrasts(1) / 0.8).astype(int)
+    noise = (np.random.default_rng(2).random(counts.shape) < 0.1) & (counts == 0)
+    alone = threshold_over_contrast(cluster(counts))
+    among = threshold_over_contrast(cluster(counts + noise, float(noise.sum())))
+    assert among == pytest.approx(alone, rel=1e-9)
+
+
+def test_a_part_of_many_events_tells_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    many = cluster((contrasts(3) / 0.3).astype(int))
+    whole = threshold_over_contrast(many)
+    monkeypatch.setattr(threshold_ratio, "ENOUGH", many.event_count // 4)
+    assert threshold_over_contrast(many) == pytest.approx(whole, rel=0.05)
+    assert threshold_over_contrast(many) != whole
+
+
+def test_the_ratio_is_a_mean_over_clusters_within_bounds() -> None:
+    """Its logarithm is, and clusters that tell nothing are left out."""
+    ratio, of = ThresholdRatio(), partial(np.full, (SIDE, SIDE), dtype=int)
+    few = of(0)
+    few.ravel()[: FEWEST - 1] = 2
+    for nothing in (of(0), of(1), few):
+        ratio.follow(stereo(cluster(of(2)), cluster(nothing)))
+    assert ratio.value == 1
+    two, three = (threshold_over_contrast(cluster(of(n))) for n in (2, 3))
+    ratio.follow(stereo(cluster(of(3)), cluster(of(2))))
+    assert ratio.value == pytest.approx(two / three)
+    ratio.follow(stereo(cluster(of(2)), cluster(of(2))))
+    assert ratio.value == pytest.approx((two / three) ** 0.5)
+    other = ThresholdRatio()
+    other.follow(stereo(cluster(of(20)), cluster(of(2))))
+    assert other.value == pytest.approx(MOST)
+
+
+def test_disparities_have_no_bias_where_the_cameras_differ() -> None:
+    """The camera moves to one side, where contours lag along their rows."""
+    config = SimulationConfig(
+        seed=10,
+        motion="back_and_forth",
+        duration=0.5,
+        resolution=(240, 180),
+        focal_length=157.0,
+        threshold=0.2,
+        right_threshold=0.3,
+    )
+    recording, seen = simulate(config), MeasurementRecorder()
+    odometry = Odometry(recording.rig, observer=seen)
+    odometry.run(recording)
+    disparity = truth_of_simulation(recording).disparity(seen.measurements, odometry.camera)
+    error = seen.measurements.stereo[:, 2] - disparity
+    assert abs(np.median(error)) < 0.04
