@@ -19,6 +19,8 @@ ENOUGH = 20_000
 """Number of a cluster's events that are looked at, about: those of every so many rows."""
 FEWEST = 300
 """Number of pixels with events that tell the ratio."""
+ALIKE = 0.15
+"""Largest difference of both shares of noise: the filter leaves out events of contours, too."""
 MEMORY = 100
 """Number of clusters over which it is averaged: thresholds stay."""
 MOST = 2.0
@@ -28,6 +30,8 @@ MOST = 2.0
 class ThresholdRatio:
     """Learns the right camera's contrast threshold over the left one's.
 
+    It begins again when the noise of the sensors becomes known.
+
     Attributes
     ----------
     value
@@ -35,11 +39,16 @@ class ThresholdRatio:
     """
 
     def __init__(self) -> None:
-        self.value = 1.0
+        self.value, self._noise_is_known = 1.0, False
         self._log, self._count = 0.0, 0
 
     def follow(self, cluster: StereoCluster) -> None:
         """Learn it from a cluster in which contours moved."""
+        if not self._noise_is_known and cluster.noise_share > 0:
+            self.value, self._noise_is_known = 1.0, True
+            self._log, self._count = 0.0, 0
+        if abs(noise_share(cluster.left) - noise_share(cluster.right)) > ALIKE:
+            return
         left, right = threshold_over_contrast(cluster.left), threshold_over_contrast(cluster.right)
         if not (np.isfinite(left) and np.isfinite(right)):
             return
@@ -47,6 +56,12 @@ class ThresholdRatio:
         self._count = min(self._count + 1, MEMORY)
         self._log += (found - self._log) / self._count
         self.value = float(np.exp(self._log))
+
+
+def noise_share(events: ClusterEvents) -> float:
+    """Return the share of a cluster's events that are noise, whether it was left out or not."""
+    left_out, _ = events.left_out
+    return (events.noise_count + left_out) / max(1, events.event_count + left_out)
 
 
 def threshold_over_contrast(events: ClusterEvents) -> float:

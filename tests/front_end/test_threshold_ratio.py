@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -94,6 +95,31 @@ def test_the_ratio_is_a_mean_over_clusters_within_bounds() -> None:
     other = ThresholdRatio()
     other.follow(stereo(cluster(of(20)), cluster(of(2))))
     assert other.value == pytest.approx(MOST)
+
+
+def test_it_is_not_told_where_one_camera_is_noisy() -> None:
+    """The noise filter, too, leaves out events of contours there."""
+    counts = (contrasts(4) / 0.5).astype(int)
+    clean, other, ratio = cluster(counts), cluster(counts // 2), ThresholdRatio()
+    few = replace(other, noise_count=0.1 * other.event_count)
+    noisy = replace(few, left_out=(other.event_count // 10, 0))
+    ratio.follow(stereo(clean, noisy))
+    assert ratio.value == 1
+    ratio.follow(stereo(clean, few))
+    assert ratio.value > 1.1
+
+
+def test_it_begins_again_when_the_noise_becomes_known() -> None:
+    """Before that noise is counted as events of contours."""
+    counts = (contrasts(5) / 0.5).astype(int)
+    left, right = cluster(counts), cluster(counts // 2)
+    ratio = ThresholdRatio()
+    for _ in range(3):
+        ratio.follow(stereo(left, right))
+    wrong = ratio.value
+    known = replace(left, noise_count=1.0)
+    ratio.follow(stereo(known, left))
+    assert wrong > 1.1 and ratio.value == pytest.approx(1, abs=1e-3)
 
 
 def test_disparities_have_no_bias_where_the_cameras_differ() -> None:
