@@ -1,7 +1,7 @@
 """Outlier rejection by one constant velocity, section III-B of the paper."""
 
 from gpvo.mc_ransac.fast import fast_mc_ransac
-from gpvo.mc_ransac.fused_velocity import fused_velocity, trusted_velocity
+from gpvo.mc_ransac.fusion import fused_velocity, trusted_velocity
 from gpvo.mc_ransac.iterative import VelocityFit, iterative_mc_ransac
 from gpvo.mc_ransac.mc_ransac import mc_ransac
 from gpvo.mc_ransac.segments import Segments, segments_between

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gpvo.mc_ransac import VelocityFit, fused_velocity, trusted_velocity
-from gpvo.mc_ransac.fused_velocity import MEASURED
+from gpvo.mc_ransac.fusion import MEASURED
 from gpvo.trajectory import MotionEstimate
 
 TWIST, ACCELERATION, QC = np.arange(6.0), np.full(6, -2.0), np.full(6, 0.5)
