@@ -17,7 +17,14 @@ from gpvo.mapping.recorder import MeasurementRecorder
 from gpvo.recordings import Events
 from gpvo.simulation import SimulationConfig, simulate
 from gpvo.tracking import threshold_ratio
-from gpvo.tracking.threshold_ratio import FEWEST, MOST, ThresholdRatio, threshold_over_contrast
+from gpvo.tracking.threshold_ratio import (
+    DOUBT,
+    ENOUGH,
+    FEWEST,
+    MOST,
+    ThresholdRatio,
+    threshold_over_contrast,
+)
 
 SIDE = 200
 seeds = st.integers(0, 2**32)
@@ -39,6 +46,13 @@ def contrasts(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).exponential(1.0, (SIDE, SIDE))
 
 
+def deviation(counts: np.ndarray, threshold: float) -> float:
+    """Relative standard deviation of the threshold by a mean of geometric numbers."""
+    pixels = np.count_nonzero(counts) / max(1, counts.sum() // ENOUGH)
+    any_event = 1 - np.exp(-threshold)
+    return float(any_event / (threshold * np.sqrt((1 - any_event) * pixels)))
+
+
 def stereo(left: ClusterEvents, right: ClusterEvents) -> StereoCluster:
     return StereoCluster(0.0, 0.1, left, right)
 
@@ -47,20 +61,21 @@ def stereo(left: ClusterEvents, right: ClusterEvents) -> StereoCluster:
 @given(seeds, st.floats(0.2, 2.0))
 def test_it_tells_the_threshold_of_exponential_contrasts(seed: int, threshold: float) -> None:
     counts = (contrasts(seed) / threshold).astype(int)
-    pixels = np.count_nonzero(counts)
-    deviation = 1 / np.sqrt(pixels)  # of a geometric distribution's parameter, relatively, or less
-    assert abs(threshold_over_contrast(cluster(counts)) / threshold - 1) < 6 * deviation
+    error = np.log(threshold_over_contrast(cluster(counts)) / threshold)
+    assert abs(error) < 6 * deviation(counts, threshold)
 
 
 @settings(max_examples=10, deadline=None)
 @given(seeds, st.floats(1 / 1.5, 1.5))
 def test_dead_pixels_and_another_view_do_not_matter(seed: int, ratio: float) -> None:
     """The right camera sees other contours, and half of its pixels are dead."""
-    rng, found = np.random.default_rng(seed), ThresholdRatio()
-    left, right = contrasts(seed) / 0.5, contrasts(seed + 1) / (0.5 * ratio)
-    right[rng.random(right.shape) < 0.5] = 0
-    found.follow(stereo(cluster(left.astype(int)), cluster(right.astype(int))))
-    assert found.value == pytest.approx(ratio, rel=0.08)
+    thresholds, found = (0.5, 0.5 * ratio), ThresholdRatio()
+    left, right = ((contrasts(seed + k) / thresholds[k]).astype(int) for k in (0, 1))
+    right[np.random.default_rng(seed).random(right.shape) < 0.5] = 0
+    found.follow(stereo(cluster(left), cluster(right)))
+    scatter = np.hypot(deviation(left, thresholds[0]), deviation(right, thresholds[1]))
+    # What is taken off the logarithm of the ratio is DOUBT / sqrt(e) at most, its slope 1.5.
+    assert abs(np.log(found.value / ratio)) < 0.61 * DOUBT + 6 * 1.5 * scatter
 
 
 def test_noise_is_not_counted() -> None:
