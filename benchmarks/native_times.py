@@ -98,7 +98,7 @@ def track(known: KnownRecording, image: str) -> Tracked:
 
 def grouped(cluster: StereoCluster) -> StereoCluster:
     """The cluster with all its events at its middle."""
-    middle = 0.5 * (cluster.start + cluster.stop)
+    middle = cluster.middle
 
     def flat(image: ClusterEvents) -> ClusterEvents:
         events = replace(image.events, t=np.full(image.event_count, middle))

@@ -156,8 +156,7 @@ class FrontEnd:
         if estimate is not None:
             self._acceleration.follow(cluster.stop, estimate.velocity, later.stereo[:, 2])
         if self._motion is not None:
-            middle = 0.5 * (cluster.start + cluster.stop)
-            self._motion.velocity = trusted_velocity(estimate, self._latest, middle)
+            self._motion.velocity = trusted_velocity(estimate, self._latest, cluster.middle)
         self._image_speed = self._tracklets.image_speed()
         self._inliers = int(inliers.sum())
         return TrackedCluster(
@@ -192,8 +191,8 @@ class FrontEnd:
         if self._image_speed is None or (report is not None and report.turns):
             return ImageMotion(acceleration=known.value / pixel)
         agree = self._inliers >= AGREE * self._share * self.configuration.tracking.klt.features(0.0)
-        qc = None if self._latest is None else self._latest.qc
-        density = known.density(qc) if agree and qc is not None else np.inf
+        latest = self._latest
+        density = known.density(latest.qc) if agree and latest is not None else np.inf
         return ImageMotion(self._image_speed / pixel, known.value / pixel, density / pixel**2)
 
     def _at_rest(self) -> bool:

@@ -132,6 +132,11 @@ class StereoCluster:
     between: int = 0
 
     @property
+    def middle(self) -> float:
+        """Middle of the interval, seconds."""
+        return 0.5 * (self.start + self.stop)
+
+    @property
     def contour_count(self) -> float:
         """Estimated number of events of contours that moved, of both cameras."""
         return self.left.contour_count + self.right.contour_count

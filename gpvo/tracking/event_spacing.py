@@ -60,13 +60,18 @@ class EventSpacing:
             self.value += share * (float(np.median(ways)) - self.value)
 
 
+def rows_apart(events: ClusterEvents) -> int:
+    """Return every how many rows have about ENOUGH events; 1 if all have no more."""
+    return max(1, events.event_count // ENOUGH)
+
+
 def repeated_events(events: ClusterEvents) -> tuple[Index, Array]:
     """Find events whose pixel had one of the same polarity before, and none of the other since.
 
     Returns their raw pixels (N, 2), and how long before it was (N,), seconds. Of many events those
     of every so many rows are taken.
     """
-    shape, rows = events.table.shape[:2], max(1, events.event_count // ENOUGH)
+    shape, rows = events.table.shape[:2], rows_apart(events)
     last = np.zeros(shape), np.full(shape, NONE, np.uint8)
     found = [_repeated_kernel(e.x, e.y, e.t, e.polarity, rows, *last) for e in events.parts]
     pixels, intervals = [np.empty((0, 2), np.int64)], [np.empty(0)]

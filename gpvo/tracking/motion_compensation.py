@@ -92,7 +92,7 @@ class MotionCompensation:
 
     def pictures(self, cluster: StereoCluster) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Make the left and right picture of a new cluster at the middle of its interval."""
-        middle = 0.5 * (cluster.start + cluster.stop)
+        middle = cluster.middle
         self._pause, self._stop = cluster.start - self._stop, cluster.stop
         self._cluster, self.blurred = cluster, False
         self.at_rest = self._is_still(cluster)

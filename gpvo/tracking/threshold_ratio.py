@@ -10,13 +10,10 @@ log(1 - 1 / m) of each tells the ratio of their thresholds.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from factors.kernels.compiled import kernel
 from gpvo.events import ClusterEvents, StereoCluster
+from gpvo.tracking.event_spacing import rows_apart
 
-ENOUGH = 20_000
-"""Number of a cluster's events that are looked at, about: those of every so many rows."""
 FEWEST = 300
 """Number of pixels with events that tell the ratio."""
 ALIKE = 0.15
@@ -36,23 +33,22 @@ class ThresholdRatio:
     """Learns the right camera's contrast threshold over the left one's.
 
     It begins again when the noise of the sensors becomes known.
-
-    Attributes
-    ----------
-    value
-        The ratio, as known now; 1 at the beginning.
     """
 
     def __init__(self) -> None:
-        self.value, self._noise_is_known = 1.0, False
-        self._log, self._count = 0.0, 0
+        self._log, self._count, self._noise_is_known = 0.0, 0, False
+
+    @property
+    def value(self) -> float:
+        """The ratio, as known now; 1 at the beginning."""
+        shown = 1 - np.exp(-0.5 * (self._log / DOUBT) ** 2)
+        return float(np.exp(shown * self._log))
 
     def follow(self, cluster: StereoCluster) -> None:
         """Learn it from a cluster in which contours moved."""
         if not self._noise_is_known and cluster.noise_share > 0:
-            self.value, self._noise_is_known = 1.0, True
-            self._log, self._count = 0.0, 0
-        if abs(noise_share(cluster.left) - noise_share(cluster.right)) > ALIKE:
+            self._log, self._count, self._noise_is_known = 0.0, 0, True
+        if abs(noise_before_filter(cluster.left) - noise_before_filter(cluster.right)) > ALIKE:
             return
         left, right = threshold_over_contrast(cluster.left), threshold_over_contrast(cluster.right)
         if not (np.isfinite(left) and np.isfinite(right)):
@@ -60,12 +56,10 @@ class ThresholdRatio:
         found = float(np.clip(np.log(right / left), -np.log(MOST), np.log(MOST)))
         self._count = min(self._count + 1, MEMORY)
         self._log += (found - self._log) / self._count
-        shown = 1 - np.exp(-0.5 * (self._log / DOUBT) ** 2)
-        self.value = float(np.exp(shown * self._log))
 
 
-def noise_share(events: ClusterEvents) -> float:
-    """Return the share of a cluster's events that are noise, whether it was left out or not."""
+def noise_before_filter(events: ClusterEvents) -> float:
+    """Return the share of a camera's events that were noise before the filter left some out."""
     left_out, _ = events.left_out
     return (events.noise_count + left_out) / max(1, events.event_count + left_out)
 
@@ -73,26 +67,12 @@ def noise_share(events: ClusterEvents) -> float:
 def threshold_over_contrast(events: ClusterEvents) -> float:
     """Estimate C / D of a cluster's events; not a number if they are too few.
 
-    Noise has a pixel for each event.
+    Of many events those of every so many rows are taken. Noise has a pixel for each event.
     """
-    rows = max(1, events.event_count // ENOUGH)
-    seen = np.zeros(events.table.shape[:2], np.bool_)
-    total = sum(_mark_kernel(part.x, part.y, rows, seen) for part in events.parts)
+    rows = rows_apart(events)
+    total = sum(np.count_nonzero(part.y % rows == 0) for part in events.parts)
     noise = events.noise_count * total / max(events.event_count, 1)
-    count, pixels = total - noise, np.count_nonzero(seen) - noise
+    count, pixels = total - noise, np.count_nonzero(events.active[::rows]) - noise
     if not FEWEST <= pixels < count:
         return np.nan
     return -float(np.log1p(-pixels / count))
-
-
-@kernel
-def _mark_kernel(
-    x: NDArray[np.uint16], y: NDArray[np.uint16], rows: int, seen: NDArray[np.bool_]
-) -> int:
-    """Mark the pixels of the events in every so many rows, and count these events."""
-    count = 0
-    for i in range(len(x)):
-        if y[i] % rows == 0:
-            count += 1
-            seen[y[i], x[i]] = True
-    return count

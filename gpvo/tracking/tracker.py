@@ -59,7 +59,7 @@ class MultiResolutionTracker:
 
     def track(self, cluster: StereoCluster) -> Observations:
         """Return the observations that a new cluster adds, in it or in earlier clusters."""
-        self.motion.advance(0.5 * (cluster.start + cluster.stop))
+        self.motion.advance(cluster.middle)
         parts = [tracker.track(cluster, self.motion) for tracker in self._trackers]
         return Observations.concatenate(
             replace(found, landmark=found.landmark * len(parts) + index)

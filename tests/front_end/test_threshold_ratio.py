@@ -16,10 +16,10 @@ from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.mapping.recorder import MeasurementRecorder
 from gpvo.recordings import Events
 from gpvo.simulation import SimulationConfig, simulate
-from gpvo.tracking import threshold_ratio
+from gpvo.tracking import event_spacing
+from gpvo.tracking.event_spacing import ENOUGH
 from gpvo.tracking.threshold_ratio import (
     DOUBT,
-    ENOUGH,
     FEWEST,
     MOST,
     ThresholdRatio,
@@ -89,7 +89,7 @@ def test_noise_is_not_counted() -> None:
 def test_a_part_of_many_events_tells_it(monkeypatch: pytest.MonkeyPatch) -> None:
     many = cluster((contrasts(3) / 0.3).astype(int))
     whole = threshold_over_contrast(many)
-    monkeypatch.setattr(threshold_ratio, "ENOUGH", many.event_count // 4)
+    monkeypatch.setattr(event_spacing, "ENOUGH", many.event_count // 4)
     assert threshold_over_contrast(many) == pytest.approx(whole, rel=0.05)
     assert threshold_over_contrast(many) != whole
 
