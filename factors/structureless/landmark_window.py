@@ -58,6 +58,7 @@ class LandmarkWindow:
         self.size = 12 * len(between.states) + 1
         self.qc_root, self._tolerance = qc_root, tolerance
         self._linearized: Linearization | None = None
+        self._moved: tuple[Array, Array] | None = None  # steps, and coordinates after them
 
     def error(self, values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
         """Return (12 m + 1,) errors, and their Jacobians of each pose and velocity if asked for."""
@@ -84,9 +85,10 @@ class LandmarkWindow:
         if at is None:
             return self.fit(T_states, v_states)
         moved = steps_kernel(at.T_states, at.v_states, T_states, v_states)
-        coordinates = at.fit.coordinates + at.system.landmark_steps(moved)
+        if self._moved is None or not np.array_equal(self._moved[0], moved):
+            self._moved = moved, at.fit.coordinates + at.system.landmark_steps(moved)
         T = self.between.poses(T_states, v_states, count)
-        return at.fit._replace(T=T, coordinates=coordinates)
+        return at.fit._replace(T=T, coordinates=self._moved[1])
 
     def rows(self, T_states: Array, v_states: Array, fit: Fit, states: int) -> Rows:
         """Linearised measurements between the first `states` states, and the prior."""
@@ -118,7 +120,7 @@ class LandmarkWindow:
             except np.linalg.LinAlgError:  # a callback must not raise
                 root = np.full((self.size, self.size), np.nan)
             kept = Linearization(T_states, v_states, fit, system, rows.bridges, root)
-            self._linearized = kept
+            self._linearized, self._moved = kept, None
         return kept
 
     def states_between(self, T_states: Array, v_states: Array) -> StatesBetween:

@@ -13,6 +13,8 @@ from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]
 
+BEFORE_WINDOW = "time lies before the window"
+
 
 @dataclass(frozen=True)
 class Diagnostic:
@@ -38,6 +40,11 @@ class Diagnostic:
     def to_dict(self) -> dict[str, Any]:
         """Return the fields by name, for JSON."""
         return asdict(self)
+
+
+def left_out(measurements: Measurements, reason: str) -> list[Diagnostic]:
+    """Return a diagnostic for each measurement that is left out for a reason."""
+    return diagnostics_of(measurements, f"{reason}: measurement left out")
 
 
 def diagnostics_of(measurements: Measurements, reason: str) -> list[Diagnostic]:
@@ -96,14 +103,13 @@ def split_usable(
         "disparity is not positive": ~(stereo[:, 2] > 0),
         "deviations are not positive": ~(deviations > 0).all(axis=1),
         "time lies beyond the cluster's end": t > latest,
-        "time lies before the window": t < earliest,
+        BEFORE_WINDOW: t < earliest,
     }
     usable = np.ones(len(t), bool)
     diagnostics: list[Diagnostic] = []
     for reason, wrong in reasons.items():
         if wrong.any():
-            left_out = measurements[wrong & usable]
-            diagnostics += diagnostics_of(left_out, f"{reason}: measurement left out")
+            diagnostics += left_out(measurements[wrong & usable], reason)
             usable &= ~wrong
     return measurements[usable], diagnostics
 

@@ -169,16 +169,16 @@ class LagWindow:
         return Leaving(before, count, states, self.knots_of(states), landmarks)
 
     def _marginalised(
-        self, count: int, new: Sequence[gtsam.NonlinearFactor] = (), is_known: bool = True
+        self, count: int, new: Sequence[gtsam.NonlinearFactor] = ()
     ) -> Marginalised | None:
         """Marginalise the measurements next to the first key states; None if `count` is 0.
 
-        `new` are factors that GTSAM does not have yet; see `WindowLandmarks.marginalised`.
+        `new` are factors that GTSAM does not have yet.
         """
         if count == 0:
             return None
         known = factors_that_leave(self._factors_of_motion(), self.numbered, count)
-        return self.landmarks.marginalised(self.numbered, count, [*known, *new], is_known=is_known)
+        return self.landmarks.marginalised(self.numbered, count, [*known, *new])
 
     def _factors_of_motion(self) -> list[gtsam.NonlinearFactor]:
         """Return GTSAM's factors except that of the landmarks."""
@@ -222,9 +222,8 @@ class LagWindow:
         count, left = self.leaves.count, self.leaves.landmarks
         self.landmarks.add(new)
         own = factors_that_leave(update.factors, self.numbered, count)
-        is_late = bool((new.t < self.keys.t[count]).any())
-        if left is None or own or is_late:
-            left = self._marginalised(count, own, not is_late)
+        if left is None or own:
+            left = self._marginalised(count, own)
         self.landmarks.follow(update, self.numbered.after(count), left)
 
     def solve(self, update: GraphUpdate) -> None:

@@ -14,7 +14,7 @@ from factors.stereo import Camera, as_camera
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
 from gpvo.estimator.blas_threads import one_blas_thread
 from gpvo.estimator.dead_reckoning import ENOUGH, DeadReckoning
-from gpvo.estimator.diagnostics import Diagnostic, split_usable
+from gpvo.estimator.diagnostics import BEFORE_WINDOW, Diagnostic, left_out, split_usable
 from gpvo.estimator.final_states import FinalStates
 from gpvo.estimator.gate import predicted_covariance, within_gate
 from gpvo.estimator.graph_builder import GraphBuilder
@@ -91,16 +91,17 @@ class FixedLagSmoother:
     ) -> None:
         """Take the inlier measurements that a cluster added, which ended at `end_time`, seconds.
 
-        Without any, the prior carries the estimate on to its end; see `DeadReckoning`.
-        `velocity_estimate`, if given, is where the new states start from.
+        Without any, the prior carries the estimate on to its end; see `DeadReckoning`. Those from
+        before the first state that stays in the window are left out. `velocity_estimate`, if given,
+        is where the new states start from.
 
         Raises
         ------
         ValueError
             If a column of the measurements has another type or length.
         """
-        usable, left_out = split_usable(measurements, self._window.keys.t, end_time)
-        self.diagnostics += left_out
+        usable, diagnostics = split_usable(measurements, self._window.keys.t, end_time)
+        self.diagnostics += diagnostics
         with one_blas_thread():
             self._bridge(usable.t, end_time)
             self._update(np.array([end_time]), usable, velocity_estimate)
@@ -351,15 +352,18 @@ class FixedLagSmoother:
         return key_interval(self._build.noise, self._build.camera, float(disparity))
 
     def _accepted(self, new: Measurements) -> Measurements:
-        """Return the measurements within the gate."""
+        """Return the measurements of states that stay, within the gate."""
         window, landmarks = self._window, self._window.landmarks
+        stays = new.t >= window.keys.t[window.leaves.count]
+        self.diagnostics += left_out(new[~stays], BEFORE_WINDOW)
+        new = new[stays]
         if self._config.gate == 0 or len(landmarks.measurements) == 0 or len(new) == 0:
             return new
         t, qc = window.keys.t[window.solved - 1 :], self._build.qc.tolist()
         covariance = predicted_covariance(window.covariance(), t, qc)
         known = landmarks.factor_before(new, window.numbered)
-        new, left_out = within_gate(known, window.numbered, covariance, new, self._config.gate)
-        self.diagnostics += left_out
+        new, beyond = within_gate(known, window.numbered, covariance, new, self._config.gate)
+        self.diagnostics += beyond
         return new
 
     def _solve(self, update: GraphUpdate, accepted: Measurements) -> None:

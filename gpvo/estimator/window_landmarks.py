@@ -146,12 +146,11 @@ class WindowLandmarks:
         window: NumberedStates,
         leaving: int,
         others: Sequence[gtsam.NonlinearFactor],
-        is_known: bool = True,
     ) -> Marginalised:
         """Marginalise what was measured before the first state that stays.
 
         `leaving` is the number of states before it, `others` are the other factors on them. The
-        factor that GTSAM has is linearised already; it is used if it knows all measurements.
+        factor that GTSAM has is linearised already; it is used if it has those states.
 
         Raises
         ------
@@ -161,7 +160,7 @@ class WindowLandmarks:
         start = window.states.t[leaving]
         reaches = self._factor is not None and leaving < self._state_count
         known = self._known
-        factor = self._factor if reaches and is_known else self._factor_of(window, known.prior)
+        factor = self._factor if reaches else self._factor_of(window, known.prior)
         if factor is None:
             return Marginalised([], known)
         number = factor.landmark_numbers

@@ -260,8 +260,8 @@ def test_measurements_that_come_late_count_the_same(interval: float) -> None:
 
 
 @pytest.mark.parametrize("interval", INTERVALS)
-def test_measurements_that_come_late_to_states_that_leave_count_the_same(interval: float) -> None:
-    """In the window until the update that they come with: what leaves takes them along."""
+def test_measurements_that_come_late_to_the_first_state_that_stays_count(interval: float) -> None:
+    """They are in the window as long as its states are."""
     parts = tracklets(clusters=9, noise=0.01)
     late = [*parts[:3], parts[3][::2], parts[4], parts[5]]
     late[5] = Measurements.concatenate([parts[3][1::2], parts[5]])
@@ -272,10 +272,11 @@ def test_measurements_that_come_late_to_states_that_leave_count_the_same(interva
     assert deviation(delayed, in_time, 7 * PERIOD).max() < 0.02
 
 
-def test_measurements_before_the_window_are_listed() -> None:
-    """With their landmark, time and values; all else is as without them."""
+@pytest.mark.parametrize("cluster", [0, 5])
+def test_measurements_before_the_window_are_listed(cluster: int) -> None:
+    """With their landmark, time and values, also of states that leave; all else is as without."""
     parts = tracklets(clusters=10, noise=0.3)
-    late = parts[0][:5]
+    late = parts[cluster][:5]
     settings = {"window": 3}
     clusters = regular([*parts[:8], Measurements.concatenate([late, parts[8]]), parts[9]])
     delayed = fed(estimator := smoother(**settings), clusters)
