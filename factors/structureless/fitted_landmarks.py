@@ -59,8 +59,8 @@ class FittedLandmarks:
         (n,) which of them each measurement is of.
     start
         (L + 1,): the k-th one is measured from start[k] to start[k + 1].
-    prior_of
-        (L,) its number in the prior, -1 for none.
+    prior, with_prior
+        What is known of some, and which these are, (P,).
     measured, camera, whitening
         (n, 3) measurements, (5,) parameters, and the matrices (n, 3, 3) that whiten their errors.
     loss
@@ -85,15 +85,15 @@ class FittedLandmarks:
         self.number = increasing(number, prior.number)
         self.of = np.searchsorted(self.number, number)
         self.start = np.searchsorted(number, np.append(self.number, np.iinfo(np.int64).max))
-        self.prior_of = np.full(len(self.number), -1)
-        self.prior_of[np.searchsorted(self.number, prior.number)] = np.arange(len(prior))
-        self._prior, self._with_prior = prior, self.prior_of >= 0
+        self.prior, self.with_prior = prior, np.searchsorted(self.number, prior.number)
+        self._prior_of = np.full(len(self.number), -1)
+        self._prior_of[self.with_prior] = np.arange(len(prior))
         self._measured = np.flatnonzero(np.diff(self.start))
         self.redundancy = 3 * (len(measured) - len(self._measured))
         self._nearest = nearest_kernel(self.start, measured)[self._measured]
         self._initial = np.empty((len(self.number), 3))
         self._initial[self._measured] = camera.inverse_depth(measured[self._nearest])
-        self._initial[self._with_prior] = prior.seen[self.prior_of[self._with_prior]]
+        self._initial[self.with_prior] = prior.seen
 
     def whitening_of(self, deviations: Array) -> Array:
         """Return the matrices (n, 3, 3) that whiten errors of deviations (n, 3), in the model's."""
@@ -105,10 +105,10 @@ class FittedLandmarks:
         T_first (4, 4) is the pose at the first state, and `offset` (P, 3) the error of the prior
         where nothing deviates (see `LandmarkPrior.at`).
         """
-        views = self._prior.views(T_first)
+        views = self.prior.views(T_first)
         charts = np.empty((len(self.number), 4, 4))
         charts[self._measured] = T[self._nearest]
-        charts[self._with_prior] = views[self.prior_of[self._with_prior]]
+        charts[self.with_prior] = views
         ones = np.ones(len(T))
         if self.loss.other is None:
             found = self._stepped(T, charts, self._initial, views, offset, ones, _MAX_STEPS)
@@ -132,7 +132,7 @@ class FittedLandmarks:
         steps: int,
     ) -> tuple[Array, Array]:
         measured = self.start, self.measured, self.camera, self.whitening, weights
-        known = views, self.prior_of, self._prior.seen, self._prior.root, offset
+        known = views, self._prior_of, self.prior.seen, self.prior.root, offset
         return landmarks_kernel(
             T, charts, coordinates, *measured, self.loss.parameters, *known, steps
         )

@@ -74,13 +74,12 @@ class Rows:
 
 
 class Eliminated(NamedTuple):
-    """Landmarks of (n,) numbers given all else: the rows root (n, 3, 3) and cross (n, 3, w).
+    """Landmarks given all else: the rows root (n, 3, 3) of their own, and cross (n, 3, w) of it.
 
     The latter have the columns (w,) of all, the others are zero; known (n,) is 1 for those that the
     rows determine.
     """
 
-    of: Index
     columns: Index
     root: Array
     cross: Array
@@ -90,13 +89,6 @@ class Eliminated(NamedTuple):
     def flat(self) -> Array:
         """(3 n, w) rows of cross."""
         return self.cross.reshape(-1, len(self.columns))
-
-    def only(self, keep: NDArray[np.bool_]) -> Eliminated:
-        """Return those that are kept (n,)."""
-        if keep.all():
-            return self
-        of, columns, *arrays = self
-        return Eliminated(of[keep], columns, *(array[keep] for array in arrays))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +102,7 @@ class JointSystem:
     scale
         (D,) diagonal before the landmarks were eliminated.
     landmarks
-        Those that are measured, and those that only the prior knows.
+        In the order of their numbers.
     latent
         First columns of the bridges' variables, and of s.
     shared
@@ -119,28 +111,23 @@ class JointSystem:
 
     information: Array
     scale: Array
-    landmarks: tuple[Eliminated, Eliminated]
+    landmarks: Eliminated
     latent: Index
     shared: int
 
     @staticmethod
     def of_rows(found: Rows, landmarks: int) -> JointSystem:
-        """The system of some rows of a number of landmarks.
-
-        Those that are not measured tell nothing of the states: whatever these are, the landmark
-        fits its prior.
-        """
+        """The system of some rows of a number of landmarks."""
         latent = found.latent
         shared = int(latent[-1]) + found.prior.shape[2] - 13
         size = shared + 12 * found.states + 1
-        H, measured = np.zeros((size, size)), np.zeros(landmarks, np.bool_)
-        measured[found.of] = True
+        H = np.zeros((size, size))
         H.ravel()[: shared * size : size + 1] = 1.0
-        seen = _measured(found, measured, shared, H)
+        seen = _measured(found, landmarks, shared, H)
         scale = np.diag(H).copy()
         whiten_kernel(seen.root, seen.cross, seen.known)
         H -= seen.flat.T @ seen.flat
-        return JointSystem(H, scale, (seen, _others(found, measured)), latent, shared)
+        return JointSystem(H, scale, seen, latent, shared)
 
     @cached_property
     def shared_given_states(self) -> tuple[Array, Array]:
@@ -182,20 +169,14 @@ class JointSystem:
     def landmark_steps(self, moved: Array) -> Array:
         """Return the steps (L, 3) of the landmarks, given the step (12 m,) of the states."""
         x = -np.concatenate([self.shared_mean(moved), moved, [1.0]])
-        steps = np.empty((sum(len(some.of) for some in self.landmarks), 3))
-        for some in self.landmarks:
-            found = (some.flat @ x[some.columns]).reshape(-1, 3)
-            solve_kernel(some.root, some.known, found)
-            steps[some.of] = found
+        steps = (self.landmarks.flat @ x).reshape(-1, 3)
+        solve_kernel(self.landmarks.root, self.landmarks.known, steps)
         return steps
 
     @property
     def known(self) -> NDArray[np.bool_]:
         """(L,) which landmarks are determined."""
-        known = np.empty(sum(len(some.of) for some in self.landmarks), np.bool_)
-        for some in self.landmarks:
-            known[some.of] = some.known > 0
-        return known
+        return self.landmarks.known > 0
 
     def predicted(
         self, of: Index, first: Index, rows: Array, by_landmark: Array, covariance: Array
@@ -206,16 +187,12 @@ class JointSystem:
         landmarks `of` and of states from their columns `first` on; `covariance` is that of the
         states.
         """
-        S, count = self.shared, len(self.known)
+        S = self.shared
         root, right = self.shared_given_states
         by_states = -right
         solve_upper_kernel(root, by_states)
-        all_roots, all_cross = np.empty((count, 3, 3)), np.zeros((count, 3, len(self.scale)))
-        for some in self.landmarks:
-            all_roots[some.of] = some.root
-            all_cross[some.of[:, None], :, some.columns] = some.cross.transpose(0, 2, 1)
-        by_noise = by_landmark @ np.linalg.inv(all_roots[of])
-        by_all = -by_noise @ all_cross[of]
+        by_noise = by_landmark @ np.linalg.inv(self.landmarks.root[of])
+        by_all = -by_noise @ self.landmarks.cross[of]
         by_shared = by_all[:, :, :S]
         on_states = by_all[:, :, S:-1] + by_shared @ by_states[:, :-1]
         for n, column in enumerate(first.tolist()):
@@ -229,34 +206,15 @@ class JointSystem:
         return error, np.asarray(spread, np.float64)
 
 
-def _measured(found: Rows, measured: NDArray[np.bool_], shared: int, H: Array) -> Eliminated:
-    """Sum the measured landmarks' products with themselves and all columns, and add JᵀJ to H."""
-    of, size = np.flatnonzero(measured), len(H)
-    place, first = np.cumsum(measured) - 1, shared - found.prior.shape[2] + 13
-    own, cross = np.zeros((len(of), 3, 3)), np.zeros((len(of), 3, size))
-    _add_measurements(found, place, shared, H, cross, own)
-    mine = measured[found.prior_of]
-    _add_prior(found, mine, place[found.prior_of[mine]], first, H, cross, own)
-    return Eliminated(of, np.arange(size), own, cross, np.empty(len(of)))
+def _measured(found: Rows, landmarks: int, shared: int, H: Array) -> Eliminated:
+    """Sum the landmarks' products with themselves and all columns, and add JᵀJ to H."""
+    own, cross = np.zeros((landmarks, 3, 3)), np.zeros((landmarks, 3, len(H)))
+    _add_measurements(found, shared, H, cross, own)
+    _add_prior(found, int(found.latent[-1]), H, cross, own)
+    return Eliminated(np.arange(len(H)), own, cross, np.empty(landmarks))
 
 
-def _others(found: Rows, measured: NDArray[np.bool_]) -> Eliminated:
-    """The landmarks that are not measured: their prior has columns of s, the first state, error."""
-    of, width = np.flatnonzero(~measured), found.prior.shape[2]
-    own, cross = np.zeros((len(of), 3, 3)), np.zeros((len(of), 3, width))
-    theirs = ~measured[found.prior_of]
-    place = (np.cumsum(~measured) - 1)[found.prior_of[theirs]]
-    rows, by_landmark = found.prior[theirs], found.prior_by_landmark[theirs]
-    add_prior_products_kernel(place, 0.0, rows, by_landmark, cross, own)
-    known, first = np.empty(len(of)), int(found.latent[-1])
-    whiten_kernel(own, cross, known)
-    columns = np.append(first + np.arange(width - 1), -1)
-    return Eliminated(of, columns, own, cross, known)
-
-
-def _add_measurements(
-    found: Rows, place: Index, shared: int, H: Array, cross: Array, own: Array
-) -> None:
+def _add_measurements(found: Rows, shared: int, H: Array, cross: Array, own: Array) -> None:
     """Add JᵀJ of all columns to H, of the landmarks' with the others to `cross`, and to `own`."""
     latent = found.latent.tolist()
     ends = np.searchsorted(found.interval, np.arange(found.states)).tolist()
@@ -266,28 +224,17 @@ def _add_measurements(
         J = spread_rows_kernel(rows, bridge.gains)
         flat = J.reshape(-1, J.shape[2])
         add_square_kernel(flat.T @ flat, *columns, H)
-        products = place[found.of[part]], *columns, rows, bridge.gains, found.by_landmark[part]
+        products = found.of[part], *columns, rows, bridge.gains, found.by_landmark[part]
         add_products_kernel(*products, cross, own)
 
 
-def _add_prior(
-    found: Rows,
-    mine: NDArray[np.bool_],
-    place: Index,
-    first: int,
-    H: Array,
-    cross: Array,
-    own: Array,
-) -> None:
-    """Add the same of the measured landmarks' prior: of columns from the first one on, and error.
-
-    They are at their place in `cross` and `own`.
-    """
-    rows, by_landmark = found.prior[mine], found.prior_by_landmark[mine]
-    flat = rows.reshape(-1, rows.shape[2])
+def _add_prior(found: Rows, first: int, H: Array, cross: Array, own: Array) -> None:
+    """Add the same of the landmarks' prior: of columns from the first one on, and the error."""
+    flat = found.prior.reshape(-1, found.prior.shape[2])
     columns = np.append(first + np.arange(flat.shape[1] - 1), -1)
     H[columns[:, None], columns] += flat.T @ flat
-    add_prior_products_kernel(place, float(first), rows, by_landmark, cross, own)
+    products = found.prior_of, float(first), found.prior, found.prior_by_landmark
+    add_prior_products_kernel(*products, cross, own)
 
 
 @kernel

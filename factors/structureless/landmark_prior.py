@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,7 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.stereo import Camera, as_camera
-from factors.structureless.prior_kernels import moved_rows_kernel
+from factors.structureless.prior_kernels import moved_rows_kernel, prior_system_kernel
+
+
+class Located(NamedTuple):
+    """Landmarks at coordinates (P, 3), (x / z, y / z, 1 / z), in charts (P, 4, 4)."""
+
+    charts: Array
+    coordinates: Array
+
+    def points(self) -> Array:
+        """Return the points (P, 3) in the world."""
+        return points_of(self.coordinates, self.charts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +115,37 @@ class LandmarkPrior:
     def points(self, T_world_cam: Array) -> Array:
         """Return the points (P, 3) of the landmarks in the world, if the state is at a pose."""
         return points_of(self.seen, self.views(T_world_cam))
+
+    def only(self, keep: NDArray[np.bool_]) -> LandmarkPrior:
+        """Return the prior of the landmarks that are kept (P,), of the same state and variables."""
+        if keep.all():
+            return self
+        return replace(
+            self,
+            number=self.number[keep],
+            seen=self.seen[keep],
+            R_cam_view=self.R_cam_view[keep],
+            root=self.root[keep],
+            rows=self.rows[keep],
+        )
+
+    def located(self, T_world_cam: Array, rows: Array, shared: Array | None = None) -> Located:
+        """Return where there is no error, given s (d,), by default 0, and the rows at a state."""
+        error = rows[:, :, -1] if shared is None else rows[:, :, -1] + self.by_shared @ shared
+        coordinates = self.seen - np.linalg.solve(self.root, error[:, :, None])[:, :, 0]
+        return Located(self.views(T_world_cam), coordinates)
+
+    def with_landmarks(
+        self, T_world_cam: Array, rows: Array, charts: Array, coordinates: Array
+    ) -> Array:
+        """Add to the rows at a state what coordinates (P, 3) in charts (P, 4, 4) do to them.
+
+        Returned are the rows (P, 3, 3) by these landmarks.
+        """
+        by_landmark = np.empty((len(self), 3, 3))
+        known = self.views(T_world_cam), self.R_cam_view, charts, coordinates, self.seen, self.root
+        prior_system_kernel(*known, rows, by_landmark)
+        return by_landmark
 
     def moved(self, drift: ArrayLike, camera: Camera) -> LandmarkPrior:
         """Return what is known of the landmarks after their tracks have moved on these.

@@ -16,7 +16,6 @@ from factors.structureless.bridge import Bridge
 from factors.structureless.fitted_landmarks import Fit, FittedLandmarks
 from factors.structureless.joint_system import JointSystem, Rows, root_kernel
 from factors.structureless.landmark_prior import LandmarkPrior
-from factors.structureless.prior_kernels import prior_system_kernel
 from factors.structureless.row_kernels import measurement_rows_kernel
 from factors.structureless.states_between import StatesBetween
 
@@ -39,8 +38,8 @@ class LandmarkWindow:
 
     Attributes
     ----------
-    between, landmarks, prior
-        States and times, landmarks and their measurements, what is known of these.
+    between, landmarks
+        States and times; landmarks, their measurements, and what is known of them.
     size
         Number of errors.
     """
@@ -50,15 +49,19 @@ class LandmarkWindow:
         between: BracketingStates,
         t: Array,
         landmarks: FittedLandmarks,
-        prior: LandmarkPrior,
         qc_root: Array | None,
         tolerance: float,
     ) -> None:
-        self.between, self.t, self.landmarks, self.prior = between, t, landmarks, prior
+        self.between, self.t, self.landmarks = between, t, landmarks
         self.size = 12 * len(between.states) + 1
         self.qc_root, self._tolerance = qc_root, tolerance
         self._linearized: Linearization | None = None
         self._moved: tuple[Array, Array] | None = None  # steps, and coordinates after them
+
+    @property
+    def prior(self) -> LandmarkPrior:
+        """What is known of the landmarks."""
+        return self.landmarks.prior
 
     def error(self, values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
         """Return (12 m + 1,) errors, and their Jacobians of each pose and velocity if asked for."""
@@ -89,6 +92,14 @@ class LandmarkWindow:
             self._moved = moved, at.fit.coordinates + at.system.landmark_steps(moved)
         T = self.between.poses(T_states, v_states, count)
         return at.fit._replace(T=T, coordinates=self._moved[1])
+
+    def prior_shared(self, T_states: Array, v_states: Array) -> Array:
+        """Return the variables s (d,) of the prior that are most likely, given the states."""
+        at = self._linearized
+        if at is None:
+            return np.zeros(self.prior.shared)
+        moved = steps_kernel(at.T_states, at.v_states, T_states, v_states)
+        return at.system.shared_mean(moved)[at.system.latent[-1] :]
 
     def rows(self, T_states: Array, v_states: Array, fit: Fit, states: int) -> Rows:
         """Linearised measurements between the first `states` states, and the prior."""
@@ -217,18 +228,6 @@ class LandmarkWindow:
 
     def _prior_rows(self, T_first: Array, v_first: Array, fit: Fit) -> tuple[Array, Array, Index]:
         """Rows (P, 3, d + 12 + 1) and (P, 3, 3) of the prior, and its landmarks (P,)."""
-        prior, prior_of = self.prior, self.landmarks.prior_of
-        rows = prior.at(T_first, v_first)
-        by_landmark = np.empty((len(prior), 3, 3))
-        prior_system_kernel(
-            prior.views(T_first),
-            prior.R_cam_view,
-            fit.charts,
-            fit.coordinates,
-            prior_of,
-            prior.seen,
-            prior.root,
-            rows,
-            by_landmark,
-        )
-        return rows, by_landmark, np.flatnonzero(prior_of >= 0)
+        of, rows = self.landmarks.with_prior, self.prior.at(T_first, v_first)
+        seen = fit.charts[of], fit.coordinates[of]
+        return rows, self.prior.with_landmarks(T_first, rows, *seen), of

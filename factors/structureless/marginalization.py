@@ -20,10 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 from factors.kernels.se3 import Array
 from factors.lie import se3_exp
 from factors.linear_states import LinearStatesFactor
-from factors.structureless.fitted_landmarks import Fit
 from factors.structureless.identities import are_in, increasing
 from factors.structureless.joint_system import Eliminated, JointSystem, root_kernel
-from factors.structureless.landmark_prior import LandmarkPrior, drift_of_coordinates, views_of
+from factors.structureless.landmark_prior import (
+    LandmarkPrior,
+    drift_of_coordinates,
+    points_of,
+    views_of,
+)
 from factors.structureless.multi_landmark import StructurelessStereoFactor
 from factors.structureless.prior_kernels import known_from_kernel
 
@@ -108,13 +112,49 @@ def marginalize(
         given = _leaving_given_next(system, information_of(others, values, keys))
     except np.linalg.LinAlgError as error:
         raise ValueError("the states that leave are not determined") from error
-    state = T_states[count], v_states[count]
-    number = window.landmarks.number
-    keep = are_in(increasing(np.asarray(landmarks)), number) & system.known
+    number = structureless.landmark_numbers
     moved = drift_of_coordinates(drift, len(number), window.landmarks.camera)
-    turns = _turns_to(fit.points()[keep], T_states[count])
-    prior = _prior(number[keep], turns, fit, system, given, keep, state, moved, shared)
-    return Marginal(factor, prior)
+    rests, keep = are_in(structureless.resting.number, number), increasing(np.asarray(landmarks))
+    seen = _Known(number[~rests], fit.charts, fit.coordinates, moved[~rests], system.landmarks)
+    s = window.prior_shared(T_states, v_states)
+    first = T_states[0], v_states[0]
+    away = _resting(structureless.resting, *first, s, int(system.latent[-1]), moved[rests])
+    parts = [part.only(are_in(keep, part.number) & (part.by.known > 0)) for part in (seen, away)]
+    return Marginal(factor, _prior(parts, given, (T_states[count], v_states[count]), shared))
+
+
+class _Known(NamedTuple):
+    """Landmarks of numbers (n,) at coordinates (n, 3) in charts (n, 4, 4), and their rows.
+
+    Coordinates have moved by standard deviations (n, 3).
+    """
+
+    number: Index
+    charts: Array
+    coordinates: Array
+    moved: Array
+    by: Eliminated
+
+    def only(self, keep: NDArray[np.bool_]) -> _Known:
+        """Return those that are kept (n,)."""
+        number, charts, coordinates, moved, (columns, *rows) = self
+        by = Eliminated(columns, *(row[keep] for row in rows))
+        return _Known(number[keep], charts[keep], coordinates[keep], moved[keep], by)
+
+
+def _resting(
+    prior: LandmarkPrior, T_first: Array, v_first: Array, s: Array, column: int, moved: Array
+) -> _Known:
+    """The landmarks of a prior that are not measured; its variables s have columns from one on.
+
+    They have as many rows as coordinates, which need no elimination.
+    """
+    rows = prior.at(T_first, v_first)
+    charts, coordinates = prior.located(T_first, rows, s)
+    by_landmark = prior.with_landmarks(T_first, rows, charts, coordinates)
+    columns = np.append(column + np.arange(rows.shape[2] - 1), -1)
+    by = Eliminated(columns, by_landmark, rows, np.ones(len(prior)))
+    return _Known(prior.number, charts, coordinates, moved, by)
 
 
 def _turns_to(points: Array, T_world_cam: Array) -> Array:
@@ -167,30 +207,21 @@ def _leaving_given_next(system: JointSystem, others: Array) -> _Leaving:
 
 
 def _prior(
-    number: Index,
-    turns: Array,
-    fit: Fit,
-    system: JointSystem,
-    given: _Leaving,
-    keep: NDArray[np.bool_],
-    state: tuple[Array, Array],
-    moved: Array,
-    shared: int,
+    parts: list[_Known], given: _Leaving, state: tuple[Array, Array], shared: int
 ) -> LandmarkPrior:
-    """Make the prior of the landmarks that are kept (P of L), given the state of its window.
-
-    They are seen in views turned by R_cam_view (P, 3, 3). Coordinates have moved by (L, 3) standard
-    deviations since.
-    """
-    some = [part.only(keep[part.of]) for part in system.landmarks]
-    turn, place = _turned(some, given, shared), np.cumsum(keep) - 1
+    """Make the prior of landmarks (P,), given the state of its window."""
+    turn = _turned([part.by for part in parts], given, shared)
+    number = increasing(*(part.number for part in parts))
     d, count = min(shared, len(turn) - 13), len(number)
+    turns = np.empty((count, 3, 3))
     found = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3, d + 13))
-    views = views_of(state[0], turns)
-    for part in some:
-        turned = (part.flat @ turn[part.columns]).reshape(-1, 3, len(turn))
-        places, known = (part.of, place[part.of]), (fit.charts, fit.coordinates, moved)
-        known_from_kernel(views, turns, *places, *known, part.root, turned, *found)
+    for part in parts:
+        place = np.searchsorted(number, part.number)
+        turned = (part.by.flat @ turn[part.by.columns]).reshape(-1, 3, len(turn))
+        ahead = _turns_to(points_of(part.coordinates, part.charts), state[0])
+        views, turns[place] = views_of(state[0], ahead), ahead
+        known = part.charts, part.coordinates, part.moved, part.by.root
+        known_from_kernel(views, ahead, place, *known, turned, *found)
     seen, root, rows = found
     return LandmarkPrior(number, seen, turns, root, rows, *state)
 

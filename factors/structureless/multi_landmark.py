@@ -28,6 +28,7 @@ from factors.kernels.se3 import Array
 from factors.stereo import Camera, StereoMeasurements, as_camera, stereo_measurements
 from factors.structureless.bracketing_states import BracketingStates, checked_times
 from factors.structureless.fitted_landmarks import FittedLandmarks, checked_measurements
+from factors.structureless.identities import are_in, increasing
 from factors.structureless.landmark_prior import LandmarkPrior
 from factors.structureless.landmark_window import LandmarkWindow
 from factors.structureless.states_between import StatesBetween
@@ -143,9 +144,15 @@ class StructurelessStereoFactor(Factor):
         every = not (qc is None and prior is None)
         between = BracketingStates(t[order], named_states, every, T_mount)
         prior = LandmarkPrior.none() if prior is None else prior
-        seen = measurements[order], number[order], model, camera, prior, each[order]
-        found = FittedLandmarks(*seen)
-        self.window = window = LandmarkWindow(between, t[order], found, prior, roots, tolerance)
+
+        def window_with(resting: Index) -> LandmarkWindow:
+            known = prior.only(are_in(increasing(number, resting), prior.number))
+            seen = measurements[order], number[order], model, camera, known, each[order]
+            return LandmarkWindow(between, t[order], FittedLandmarks(*seen), roots, tolerance)
+
+        self._window_with = window_with
+        self.window = window = window_with(np.empty(0, np.int64))
+        self.resting = prior.only(~are_in(window.landmarks.number, prior.number))
         unit = gtsam.noiseModel.Unit.Create(window.size)
         super().__init__(unit, between.variables, window.error, made_of)
 
@@ -154,13 +161,18 @@ class StructurelessStereoFactor(Factor):
 
         One whose rays diverge fits best beyond infinity: a point behind the cameras.
         """
-        fit = self.window.fit(*self.window.between.read(values))
-        return self.landmark_numbers, fit.points()
+        T_states, v_states = self.window.between.read(values)
+        points = np.empty((len(self.landmark_numbers), 3))
+        rests = are_in(self.resting.number, self.landmark_numbers)
+        points[~rests] = self.window.fit(T_states, v_states).points()
+        rows = self.resting.at(T_states[0], v_states[0])
+        points[rests] = self.resting.located(T_states[0], rows).points()
+        return self.landmark_numbers, points
 
     @property
     def landmark_numbers(self) -> Index:
         """Landmarks (L,), increasing, those of the prior as well."""
-        return self.window.landmarks.number
+        return increasing(self.window.landmarks.number, self.resting.number)
 
     @property
     def redundancy(self) -> int:
@@ -193,17 +205,19 @@ class StructurelessStereoFactor(Factor):
         measurements = checked_measurements(measured)
         t = checked_times(times, len(measurements))
         number = _checked_landmarks(landmarks, len(t))
-        states = self.window.between.read(values)
+        rests = are_in(self.resting.number, number).any()
+        window = self._window_with(number) if rests else self.window
+        states = window.between.read(values)
         size = 12 * len(states[0])
         if np.shape(covariance) != (size, size):
             raise ValueError(f"covariance must be ({size}, {size}), not {np.shape(covariance)}")
-        by_body = self.window.between.by_body
+        by_body = window.between.by_body
         if by_body is not None:
             by_bodies = np.kron(np.eye(size // 6), by_body)
             covariance = by_bodies @ covariance @ by_bodies.T
         each = _checked_deviations(deviations, len(t))
         new = *states, measurements, t, number, each, covariance
-        return self.window.squared_distances(*new)
+        return window.squared_distances(*new)
 
 
 def _checked_landmarks(landmarks: ArrayLike, count: int) -> Index:

@@ -48,7 +48,6 @@ def prior_system_kernel(
     turns: Array,
     charts: Array,
     coordinates: Array,
-    prior: Index,
     seen: Array,
     root: Array,
     rows: Array,
@@ -58,24 +57,22 @@ def prior_system_kernel(
 
     Rows hold those of `LandmarkPrior.at`; the error of the coordinates and its Jacobian with
     respect to the first state's pose are added. The views (P, 4, 4) are that pose, turned by
-    R_cam_view (P, 3, 3).
+    R_cam_view (P, 3, 3), the charts (P, 4, 4) and coordinates (P, 3) those of the landmarks.
     """
     state = rows.shape[2] - 13
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
     known = seen, root, np.zeros((len(rows), 3)), np.array([1.0, 1.0, 0.0, 0.0, 1.0])
     landmarks = charts, coordinates
-    for k in range(len(prior)):
-        p = prior[k]
-        if p >= 0:
-            prior_rows_kernel(views, landmarks, k, known, p, (h, by_h, found))
-            pose_rows_kernel(coordinates[k, 2], h, by_h, 1.0, found)
-            _turn_kernel(turns, p, found)
-            for r in range(3):
-                rows[p, r, -1] += found[r, 9]
-                for c in range(6):
-                    rows[p, r, state + c] += found[r, c]
-                for c in range(3):
-                    by_landmark[p, r, c] = found[r, 6 + c]
+    for p in range(len(rows)):
+        prior_rows_kernel(views, landmarks, p, known, p, (h, by_h, found))
+        pose_rows_kernel(coordinates[p, 2], h, by_h, 1.0, found)
+        _turn_kernel(turns, p, found)
+        for r in range(3):
+            rows[p, r, -1] += found[r, 9]
+            for c in range(6):
+                rows[p, r, state + c] += found[r, c]
+            for c in range(3):
+                by_landmark[p, r, c] = found[r, 6 + c]
 
 
 @kernel
@@ -103,7 +100,6 @@ def add_prior_products_kernel(
 def known_from_kernel(
     views: Array,
     turns: Array,
-    of: Index,
     place: Index,
     charts: Array,
     coordinates: Array,
@@ -114,28 +110,28 @@ def known_from_kernel(
     root: Array,
     rows: Array,
 ) -> None:
-    """Write what is known of landmarks `of` (n,) as they are seen in views, at their place (n,).
+    """Write what is known of landmarks (n,) as they are seen in views, at their place (n,).
 
-    The views (P, 4, 4) are those of a pose, turned by R_cam_view (P, 3, 3). The landmarks' own rows
-    (n, 3, 3) are with respect to coordinates (L, 3) in the charts; `turned` holds those of the
+    The views (n, 4, 4) are those of a pose, turned by R_cam_view (n, 3, 3). The landmarks' own rows
+    (n, 3, 3) are with respect to coordinates (n, 3) in the charts; `turned` holds those of the
     variables that are kept (d), of the state there (12), of the error, and of the other variables,
-    which only add noise, as the move of the coordinates by (L, 3) deviations does.
+    which only add noise, as the move of the coordinates by (n, 3) deviations does.
     Written are the coordinates (P, 3), and the rows of these (P, 3, 3) and of the first d + 12 + 1
     columns, the noise being one.
     """
     h, by_h, found = np.empty(3), np.empty((3, 3)), np.empty((3, 10))
     noise, inverse = np.empty((3, 3)), np.empty((3, 3))
-    zero, eye = np.zeros((len(seen), 3)), np.zeros((len(seen), 3, 3))
-    for p in range(len(seen)):
+    zero, eye = np.zeros((len(place), 3)), np.zeros((len(place), 3, 3))
+    for n in range(len(place)):
         for i in range(3):
-            eye[p, i, i] = 1.0
+            eye[n, i, i] = 1.0
     known, width = (zero, eye, zero, np.array([1.0, 1.0, 0.0, 0.0, 1.0])), rows.shape[2]
     landmarks = charts, coordinates
-    for n in range(len(of)):
-        k, p = of[n], place[n]
-        prior_rows_kernel(views, landmarks, k, known, p, (h, by_h, found))
-        pose_rows_kernel(coordinates[k, 2], h, by_h, 1.0, found)
-        _turn_kernel(turns, p, found)
+    for n in range(len(place)):
+        p = place[n]
+        prior_rows_kernel(views, landmarks, n, known, n, (h, by_h, found))
+        pose_rows_kernel(coordinates[n, 2], h, by_h, 1.0, found)
+        _turn_kernel(turns, n, found)
         _inverse_kernel(found, inverse)
         for i in range(3):
             seen[p, i] = found[i, 9]
@@ -152,7 +148,7 @@ def known_from_kernel(
             for j in range(i + 1):
                 noise[i, j] = 1.0 if i == j else 0.0
                 for m in range(3):
-                    noise[i, j] += root[p, i, m] * root[p, j, m] * moved[k, m] * moved[k, m]
+                    noise[i, j] += root[p, i, m] * root[p, j, m] * moved[n, m] * moved[n, m]
                 for m in range(width, turned.shape[2]):
                     noise[i, j] += turned[n, i, m] * turned[n, j, m]
         factorize_kernel(noise)

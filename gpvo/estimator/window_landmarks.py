@@ -168,27 +168,23 @@ class WindowLandmarks:
         away, known_lost = ~are_in(increasing(tracked), number), are_in(np.sort(known.lost), number)
         lost = self._remembered(number[away & ~known_lost], number[away])
         kept = number[~away | are_in(np.sort(lost), number)]
-        looks = self._looks(factor, window, leaving, ~known_lost)
+        looks = self._looks(factor, window, leaving)
         drift = track_drift(self._build.noise, known.looks.change_to(looks))
         left = marginalize(factor, window.values(), leaving, graph_of(others), kept, drift)
         looks = looks[are_in(left.prior.number, number)]
         return Marginalised([left.factor], KnownLandmarks(left.prior, lost, looks))
 
     def _looks(
-        self,
-        factor: StructurelessStereoFactor,
-        window: NumberedStates,
-        leaving: int,
-        tracked: Mask,
+        self, factor: StructurelessStereoFactor, window: NumberedStates, leaving: int
     ) -> Looks:
         """Return how landmarks look from the first state that stays, if tracked, or did before."""
-        between, number = factor.window.between, factor.landmark_numbers
+        between, number = factor.window.between, factor.window.landmarks.number
+        tracked = ~are_in(np.sort(self._known.lost), number)
         fit = factor.window.moved_fit(*between.read(window.values()), leaving + 1)
         T_world_cam, twist = window.states.T_world_cam[leaving], window.states.twist[leaving]
         duration = window.states.t[leaving] - window.states.t[0]
-        motion = fit.points()[tracked], T_world_cam, twist, duration
-        now = self._known.looks.turned_to(Looks.seen(number[tracked], *motion))
-        return self._known.looks.updated(now)
+        now = Looks.seen(number[tracked], fit.points()[tracked], T_world_cam, twist, duration)
+        return self._known.looks.updated(self._known.looks.turned_to(now))
 
     def _remembered(self, lost: Index, away: Index) -> Index:
         """Return the landmarks that are lost now, and of the others those still away."""
