@@ -118,24 +118,51 @@ def test_twice_in_a_row(qc: Any) -> None:
     motion = WINDOW.chain(0, WINDOW.count - 1)
     whole = mean_and_covariance(graph_of(motion, WINDOW.factor(0, qc)), values, all_keys)
     first = marginal(WINDOW, values, qc, 1)
-    before = graph_of(WINDOW.chain(0, 1), first.factor)
-    # What the state that left tells of the first that stays, as GTSAM would marginalise it.
-    information = before.linearize(values).eliminatePartialMultifrontal(
-        ordering(keys(0, 1)), gtsam.EliminateQR
-    )[1]
-    held = graph_of(
-        *(gtsam.LinearContainerFactor(part, values) for part in factors_of(information))
-    )
     between = WINDOW.factor(1, qc, first.prior)
-    second = marginalize(
-        between, values, 2, graph_of(held, WINDOW.chain(1, 3)), WINDOW.later(3), shared=ALL
-    )
+    others = held(WINDOW, first, values)
+    second = marginalize(between, values, 2, others, WINDOW.later(3), shared=ALL)
     following = WINDOW.factor(3, qc, second.prior)
     graph = graph_of(motion, first.factor, second.factor, following)
     found = mean_and_covariance(graph, values, all_keys)
     stay = slice(36, None)
     assert in_sigmas(found[0][stay], whole[0][stay], whole[1][stay, stay]) < 1e-9
     assert of_correlations(found[1][stay, stay], whole[1][stay, stay]) < 1e-9
+
+
+@PROCESS
+def test_landmarks_that_are_away_for_a_while_hold_the_states_when_they_come_back(qc: Any) -> None:
+    """They are in no measurement of a window that is marginalised meanwhile."""
+    window = Window.simulated(count=5, landmarks=40, seen=6)
+    t, t_1, t_3 = window.t, window.t_states[1], window.t_states[3]
+    away = np.intersect1d(window.landmark[t < t_1], window.later(3))
+    assert len(away) >= 3
+    window = window.only(~np.isin(window.landmark, away) | (t < t_1) | (t >= t_3))
+    values, all_keys, motion = window.truth, keys(0, 5), window.chain(0, 4)
+    whole = mean_and_covariance(graph_of(motion, window.factor(0, qc)), values, all_keys)
+    early, every = window.only(window.t < t_3), np.unique(window.landmark)
+    none = None if qc is not None else LandmarkPrior.none()
+    first = marginalize(early.factor(0, qc, none), values, 1, early.chain(0, 1), every, shared=ALL)
+    between, others = early.factor(1, qc, first.prior), held(window, first, values)
+    assert np.isin(away, between.landmark_numbers).all()
+    second = marginalize(between, values, 2, others, every, shared=ALL)
+    following = window.factor(3, qc, second.prior)
+    forgotten = window.factor(3, qc, second.prior.only(~np.isin(second.prior.number, away)))
+    stay, found = slice(36, None), {}
+    for last in (following, forgotten):
+        graph = graph_of(motion, first.factor, second.factor, last)
+        found[last] = mean_and_covariance(graph, values, all_keys)[1][stay, stay]
+    assert of_correlations(found[following], whole[1][stay, stay]) < 1e-9
+    assert of_correlations(found[forgotten], whole[1][stay, stay]) > 0.01
+
+
+def held(window: Window, first: Marginal, values: gtsam.Values) -> gtsam.NonlinearFactorGraph:
+    """What the first state, which left, tells of the second, and the motion up to the fourth."""
+    before = graph_of(window.chain(0, 1), first.factor)
+    information = before.linearize(values).eliminatePartialMultifrontal(
+        ordering(keys(0, 1)), gtsam.EliminateQR
+    )[1]
+    parts = (gtsam.LinearContainerFactor(part, values) for part in factors_of(information))
+    return graph_of(graph_of(*parts), window.chain(1, 3))
 
 
 def ordering(of: list[int]) -> gtsam.Ordering:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -107,6 +107,11 @@ class Window:
         """The motion at the states."""
         at = self.t_all.searchsorted(self.t_states)
         return values_of(self.T_all[at], self.v_all[at])
+
+    def only(self, keep: NDArray[np.bool_]) -> Window:
+        """Return the window with some of its measurements (n,)."""
+        some = {name: getattr(self, name)[keep] for name in ("measured", "t", "landmark")}
+        return replace(self, **some)
 
     def factor(
         self,
