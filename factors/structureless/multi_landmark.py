@@ -89,6 +89,8 @@ class StructurelessStereoFactor(Factor):
     first order in the eliminated variables, whose robust weights are those of interpolated states.
     While a landmark is behind one of the cameras, that measurement has GTSAM's large constant error
     and no Jacobian. One factor of many landmarks is much faster than one factor for each.
+    Landmarks that are known and not measured fit their prior whatever the states are, and tell
+    nothing of these: they are `resting`, a prior of its own.
     """
 
     def __init__(
