@@ -74,7 +74,7 @@ class Rows:
 
 
 class Eliminated(NamedTuple):
-    """Landmarks given all else: the rows root (n, 3, 3) of their own, and cross (n, 3, w) of it.
+    """Landmarks given all else: the rows root (n, 3, 3) by themselves, and cross (n, 3, w) by that.
 
     The latter have the columns (w,) of all, the others are zero; known (n,) is 1 for those that the
     rows determine.
@@ -231,10 +231,15 @@ def _add_measurements(found: Rows, shared: int, H: Array, cross: Array, own: Arr
 def _add_prior(found: Rows, first: int, H: Array, cross: Array, own: Array) -> None:
     """Add the same of the landmarks' prior: of columns from the first one on, and the error."""
     flat = found.prior.reshape(-1, found.prior.shape[2])
-    columns = np.append(first + np.arange(flat.shape[1] - 1), -1)
+    columns = prior_columns(first, flat.shape[1])
     H[columns[:, None], columns] += flat.T @ flat
     products = found.prior_of, float(first), found.prior, found.prior_by_landmark
     add_prior_products_kernel(*products, cross, own)
+
+
+def prior_columns(first: int, width: int) -> Index:
+    """Return the columns (width,) of a prior's rows: from the first one on, and the error's."""
+    return np.append(first + np.arange(width - 1), -1)
 
 
 @kernel

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,17 +11,6 @@ from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.stereo import Camera, as_camera
 from factors.structureless.prior_kernels import moved_rows_kernel, prior_system_kernel
-
-
-class Located(NamedTuple):
-    """Landmarks at coordinates (P, 3), (x / z, y / z, 1 / z), in charts (P, 4, 4)."""
-
-    charts: Array
-    coordinates: Array
-
-    def points(self) -> Array:
-        """Return the points (P, 3) in the world."""
-        return points_of(self.coordinates, self.charts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,11 +117,10 @@ class LandmarkPrior:
             rows=self.rows[keep],
         )
 
-    def located(self, T_world_cam: Array, rows: Array, shared: Array | None = None) -> Located:
-        """Return where there is no error, given s (d,), by default 0, and the rows at a state."""
+    def without_error(self, rows: Array, shared: Array | None = None) -> Array:
+        """Return coordinates (P, 3) in the views, given the rows at a state, and s (d,), or 0."""
         error = rows[:, :, -1] if shared is None else rows[:, :, -1] + self.by_shared @ shared
-        coordinates = self.seen - np.linalg.solve(self.root, error[:, :, None])[:, :, 0]
-        return Located(self.views(T_world_cam), coordinates)
+        return self.seen - np.linalg.solve(self.root, error[:, :, None])[:, :, 0]
 
     def with_landmarks(
         self, T_world_cam: Array, rows: Array, charts: Array, coordinates: Array

@@ -21,7 +21,7 @@ from factors.kernels.se3 import Array
 from factors.lie import se3_exp
 from factors.linear_states import LinearStatesFactor
 from factors.structureless.identities import are_in, increasing
-from factors.structureless.joint_system import Eliminated, JointSystem, root_kernel
+from factors.structureless.joint_system import Eliminated, JointSystem, prior_columns, root_kernel
 from factors.structureless.landmark_prior import (
     LandmarkPrior,
     drift_of_coordinates,
@@ -150,9 +150,9 @@ def _resting(
     They have as many rows as coordinates, which need no elimination.
     """
     rows = prior.at(T_first, v_first)
-    charts, coordinates = prior.located(T_first, rows, s)
+    charts, coordinates = prior.views(T_first), prior.without_error(rows, s)
     by_landmark = prior.with_landmarks(T_first, rows, charts, coordinates)
-    columns = np.append(column + np.arange(rows.shape[2] - 1), -1)
+    columns = prior_columns(column, rows.shape[2])
     by = Eliminated(columns, by_landmark, rows, np.ones(len(prior)))
     return _Known(prior.number, charts, coordinates, moved, by)
 

@@ -29,7 +29,7 @@ from factors.stereo import Camera, StereoMeasurements, as_camera, stereo_measure
 from factors.structureless.bracketing_states import BracketingStates, checked_times
 from factors.structureless.fitted_landmarks import FittedLandmarks, checked_measurements
 from factors.structureless.identities import are_in, increasing
-from factors.structureless.landmark_prior import LandmarkPrior
+from factors.structureless.landmark_prior import LandmarkPrior, points_of
 from factors.structureless.landmark_window import LandmarkWindow
 from factors.structureless.states_between import StatesBetween
 from factors.variables import State, as_state
@@ -164,12 +164,12 @@ class StructurelessStereoFactor(Factor):
         One whose rays diverge fits best beyond infinity: a point behind the cameras.
         """
         T_states, v_states = self.window.between.read(values)
-        points = np.empty((len(self.landmark_numbers), 3))
-        rests = are_in(self.resting.number, self.landmark_numbers)
+        number, resting = self.landmark_numbers, self.resting
+        points, rests = np.empty((len(number), 3)), are_in(resting.number, number)
         points[~rests] = self.window.fit(T_states, v_states).points()
-        rows = self.resting.at(T_states[0], v_states[0])
-        points[rests] = self.resting.located(T_states[0], rows).points()
-        return self.landmark_numbers, points
+        coordinates = resting.without_error(resting.at(T_states[0], v_states[0]))
+        points[rests] = points_of(coordinates, resting.views(T_states[0]))
+        return number, points
 
     @property
     def landmark_numbers(self) -> Index:

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from factors import StructurelessStereoFactor
-from gpvo.estimator.diagnostics import Diagnostic, diagnostics_of
+from gpvo.estimator.diagnostics import Diagnostic, left_out
 from gpvo.estimator.graph_update import NumberedStates
 from gpvo.estimator.isam2 import prior_covariance
 from gpvo.tracking.measurements import Measurements
 
 Array = NDArray[np.float64]
-BEYOND_GATE = "beyond the gate: measurement left out"
+BEYOND_GATE = "beyond the gate"
 
 
 def within_gate(
@@ -41,7 +41,7 @@ def within_gate(
     except np.linalg.LinAlgError:  # what is known predicts nothing
         return new, []
     inside = ~(distance > 2 * gammaincinv(1.5, share))
-    return new[inside], diagnostics_of(new[~inside], BEYOND_GATE)
+    return new[inside], left_out(new[~inside], BEYOND_GATE)
 
 
 def predicted_covariance(known: Array, t: Array, qc: Sequence[float]) -> Array:

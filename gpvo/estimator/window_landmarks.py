@@ -28,7 +28,6 @@ from gpvo.trajectory.states import States, bracket
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
