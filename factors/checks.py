@@ -150,12 +150,17 @@ def checked_positive_definite(name: str, given: ArrayLike, n: int) -> Array:
     array = checked_numbers(name, given)
     if not n or array.shape not in ((n,), (n, n)) or not np.isfinite(array).all():
         raise ValueError(f"{name} must be {n} or {n} x {n} finite numbers, not {array}")
-    matrix = np.diag(array) if array.ndim == 1 else array
-    symmetric = (np.abs(matrix - matrix.T) <= 1e-12 * np.abs(matrix)).all()
-    least = array.min() if array.ndim == 1 else np.linalg.eigvalsh(matrix)[0]
-    if not (symmetric and least > 0):
+    if not _is_positive_definite(array):
         raise ValueError(f"{name} must be symmetric and positive definite, not {array}")
-    return matrix
+    return np.diag(array) if array.ndim == 1 else array
+
+
+def _is_positive_definite(matrix: Array) -> bool:
+    """Tell whether a matrix (n, n), or a diagonal (n,), is symmetric and positive definite."""
+    if matrix.ndim == 1:
+        return bool(matrix.min() > 0)
+    symmetric = (np.abs(matrix - matrix.T) <= 1e-12 * np.abs(matrix)).all()
+    return bool(symmetric and np.linalg.eigvalsh(matrix)[0] > 0)
 
 
 def checked_noise(model: object, dimension: int) -> None:

@@ -80,7 +80,7 @@ class PriorError:
         W, keys = self._W, self._keys
         pose, rate = (kind.read for kind in self.kinds)
         if self._order == 3:
-            constants = np.r_[self._dt, root.ravel(), W.ravel()]
+            constants = np.concatenate([[self._dt], root.ravel(), W.ravel()])
             pose_i, v_i, a_i, pose_j, v_j, a_j = keys
 
             def jerk_error(values: gtsam.Values, jacobians: Jacobians) -> Array:
@@ -102,8 +102,8 @@ class PriorError:
 
             return jerk_error
         diagonal = float(np.count_nonzero(W) == len(W))
-        scalars = self._dt, root[0, 0], root[0, 1], root[1, 1]
-        constants = np.r_[scalars, higher, diagonal, W.ravel(), acceleration]
+        scalars = self._dt, root[0, 0], root[0, 1], root[1, 1], higher, diagonal
+        constants = np.concatenate([scalars, W.ravel(), acceleration])
         pose_i, v_i, pose_j, v_j = keys
 
         def error(values: gtsam.Values, jacobians: Jacobians) -> Array:

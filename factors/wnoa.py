@@ -31,7 +31,10 @@ def halfway_duration(qc: float, deviation: float) -> float:
 
 def whitening(qc: ArrayLike, dimension: int = 6) -> Array:
     """Compute the lower triangular W (n, n) with WᵀW = qc^-1."""
-    return np.linalg.inv(np.linalg.cholesky(power_spectral_density(qc, dimension)))
+    matrix = power_spectral_density(qc, dimension)
+    if np.ndim(qc) == 1:
+        return np.diag(1 / np.sqrt(matrix.diagonal()))
+    return np.linalg.inv(np.linalg.cholesky(matrix))
 
 
 def information_root(dt: ArrayLike, order: int = 2) -> Array:
