@@ -36,7 +36,7 @@ from factors.variables import State, as_state
 
 Index = NDArray[np.int64]
 
-TOLERANCE = 1e-4
+TOLERANCE = 1e-3
 """Variance, of that of a measurement, that is neglected between states at unique times."""
 
 
