@@ -63,48 +63,26 @@ class PriorError:
             self.evaluate = self._of_vectors()
             S = np.linalg.qr(kronecker(information_root(dt, order), W), mode="r")
             self.model = gtsam.noiseModel.Gaussian.SqrtInformation(S, False)
+            return
+        places = np.array([*space.columns, *space.axes])
+        if order == 3:
+            self.evaluate = self._of_poses_by_jerk(places)
         else:
             mean = np.zeros(len(W)) if acceleration is None else acceleration
-            self.evaluate = self._of_poses(space, higher, mean)
+            self.evaluate = self._of_poses(places, higher, mean)
 
-    def _of_poses(self, space: Space, higher: float, acceleration: Array) -> Evaluate:
-        """Error function of poses, whose Jacobians beyond first order have the weight `higher`.
+    def _of_poses(self, places: Array, higher: float, acceleration: Array) -> Evaluate:
+        """Error function of WNOA, whose Jacobians beyond first order have the weight `higher`.
 
-        `acceleration` (n,) is the mean of that of WNOA.
+        `places` are columns and axes of the space, `acceleration` (n,) is the mean acceleration.
         """
-        blocks = blocks_of(self.size, (len(self._W),) * (2 * self._order))
-        places, root = (
-            np.array([*space.columns, *space.axes]),
-            information_root(self._dt, self._order),
-        )
-        W, keys = self._W, self._keys
-        pose, rate = (kind.read for kind in self.kinds)
-        if self._order == 3:
-            constants = np.concatenate([[self._dt], root.ravel(), W.ravel()])
-            pose_i, v_i, a_i, pose_j, v_j, a_j = keys
-
-            def jerk_error(values: gtsam.Values, jacobians: Jacobians) -> Array:
-                own = blocks.own
-                whitened_wnoj_kernel(
-                    pose(values, pose_i).matrix(),
-                    rate(values, v_i),
-                    rate(values, a_i),
-                    pose(values, pose_j).matrix(),
-                    rate(values, v_j),
-                    rate(values, a_j),
-                    places,
-                    constants,
-                    own.outputs,
-                )
-                if jacobians is not None:
-                    own.copy_to(jacobians)
-                return own.error
-
-            return jerk_error
+        W, root = self._W, information_root(self._dt, 2)
         diagonal = float(np.count_nonzero(W) == len(W))
         scalars = self._dt, root[0, 0], root[0, 1], root[1, 1], higher, diagonal
         constants = np.concatenate([scalars, W.ravel(), acceleration])
-        pose_i, v_i, pose_j, v_j = keys
+        blocks = blocks_of(self.size, (len(W),) * 4)
+        pose, rate = (kind.read for kind in self.kinds)
+        pose_i, v_i, pose_j, v_j = self._keys
 
         def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
             own = blocks.own
@@ -116,6 +94,33 @@ class PriorError:
                 places,
                 constants,
                 jacobians is not None,
+                own.outputs,
+            )
+            if jacobians is not None:
+                own.copy_to(jacobians)
+            return own.error
+
+        return error
+
+    def _of_poses_by_jerk(self, places: Array) -> Evaluate:
+        """Error function of WNOJ."""
+        root = information_root(self._dt, 3)
+        constants = np.concatenate([[self._dt], root.ravel(), self._W.ravel()])
+        blocks = blocks_of(self.size, (len(self._W),) * 6)
+        pose, rate = (kind.read for kind in self.kinds)
+        pose_i, v_i, a_i, pose_j, v_j, a_j = self._keys
+
+        def error(values: gtsam.Values, jacobians: Jacobians) -> Array:
+            own = blocks.own
+            whitened_wnoj_kernel(
+                pose(values, pose_i).matrix(),
+                rate(values, v_i),
+                rate(values, a_i),
+                pose(values, pose_j).matrix(),
+                rate(values, v_j),
+                rate(values, a_j),
+                places,
+                constants,
                 own.outputs,
             )
             if jacobians is not None:

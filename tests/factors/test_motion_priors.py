@@ -287,6 +287,14 @@ def test_covariance_and_its_root(prior: Any, dt: float) -> None:
 
 
 @each_prior
+def test_a_diagonal_of_q_c_is_the_same_as_the_whole_matrix(prior: Any) -> None:
+    given, size = qc_of(prior) * np.logspace(-6, 6, SIZES[prior]), SIZES[prior]
+    for of in (prior_covariance, prior_square_root_information):
+        each, whole = (of(order_of(prior), 0.02, qc, size) for qc in (given, np.diag(given)))
+        np.testing.assert_allclose(each, whole, rtol=1e-15, atol=0)
+
+
+@each_prior
 @pytest.mark.parametrize("dt", [1e-6, 0.3])
 def test_interpolation_is_between_its_states_and_without_error(prior: Any, dt: float) -> None:
     """At the states it is the states; a motion without noise is interpolated to itself."""
