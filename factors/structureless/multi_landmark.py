@@ -10,6 +10,7 @@ eliminated, too (`Bridge`), and a prior carries what earlier measurements know o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -107,54 +108,27 @@ class StructurelessStereoFactor(Factor):
         T_body_cam: Pose | None = None,
         deviations: ArrayLike | None = None,
     ) -> None:
-        measurements, model = stereo_measurements(measured, model)
-        measurements = checked_measurements(measurements)
-        t = checked_times(times, len(measurements))
-        number = _checked_landmarks(landmarks, len(t))
-        checked_finite_noise(model, 3)
-        camera = as_camera(camera)
-        each = _checked_deviations(deviations, len(t))
-        if prior is None and len(t) < 2:
-            raise ValueError(f"measured must have two rows or more, not {len(t)}")
-        tolerance = checked_number("tolerance", tolerance)
-        if tolerance < 0:
-            raise ValueError(f"tolerance must not be negative, not {tolerance}")
-        if not (prior is None or isinstance(prior, LandmarkPrior)):
-            raise ValueError(f"prior must be a LandmarkPrior, not {type(prior).__name__}")
+        made_of = _checked(
+            *(measured, times, landmarks, model, states, camera),
+            *(qc, prior, tolerance, T_body_cam, deviations),
+        )
+        t, number = made_of["times"], made_of["landmarks"]
+        order = self._order = np.lexsort((t, number))
+        each = _checked_deviations(deviations, len(t))[order]
+        seen = made_of["measured"][order], number[order], made_of["model"], made_of["camera"]
+        every, mount = not (qc is None and prior is None), made_of["T_body_cam"]
+        between = BracketingStates(t[order], made_of["states"], every, mount)
         roots = None if qc is None else np.sqrt(_diagonal(qc))
-        named_states = [as_state("states", state) for state in states]
-        T_mount = None if T_body_cam is None else checked_pose("T_body_cam", T_body_cam)
-        made_of = {
-            "measured": measurements,
-            "times": t,
-            "landmarks": number,
-            "model": model,
-            "states": named_states,
-            "camera": camera,
-            "qc": None if qc is None else np.array(qc, np.float64),
-            "prior": prior,
-            "tolerance": tolerance,
-            "T_body_cam": T_mount,
-            "deviations": None if deviations is None else each,
-        }
-        if T_body_cam is not None and not (qc is None and prior is None):
-            raise ValueError(
-                "T_body_cam must not be given with qc or prior: these are the camera's"
-            )
-        order = np.lexsort((t, number))
-        self._order = order
-        every = not (qc is None and prior is None)
-        between = BracketingStates(t[order], named_states, every, T_mount)
-        prior = LandmarkPrior.none() if prior is None else prior
+        known = LandmarkPrior.none() if prior is None else prior
 
         def window_with(resting: Index) -> LandmarkWindow:
-            known = prior.only(are_in(increasing(number, resting), prior.number))
-            seen = measurements[order], number[order], model, camera, known, each[order]
-            return LandmarkWindow(between, t[order], FittedLandmarks(*seen), roots, tolerance)
+            of = known.only(are_in(increasing(number, resting), known.number))
+            fitted = FittedLandmarks(*seen, of, each)
+            return LandmarkWindow(between, t[order], fitted, roots, made_of["tolerance"])
 
         self._window_with = window_with
         self.window = window = window_with(np.empty(0, np.int64))
-        self.resting = prior.only(~are_in(window.landmarks.number, prior.number))
+        self.resting = known.only(~are_in(window.landmarks.number, known.number))
         unit = gtsam.noiseModel.Unit.Create(window.size)
         super().__init__(unit, between.variables, window.error, made_of)
 
@@ -220,6 +194,54 @@ class StructurelessStereoFactor(Factor):
         each = _checked_deviations(deviations, len(t))
         new = *states, measurements, t, number, each, covariance
         return window.squared_distances(*new)
+
+
+def _checked(
+    measured: StereoMeasurements,
+    times: ArrayLike,
+    landmarks: ArrayLike,
+    model: gtsam.noiseModel.Base,
+    states: Sequence[State],
+    camera: Camera,
+    qc: ArrayLike | None,
+    prior: LandmarkPrior | None,
+    tolerance: float,
+    T_body_cam: Pose | None,
+    deviations: ArrayLike | None,
+) -> dict[str, Any]:
+    """Check the arguments of a factor of many landmarks."""
+    measurements, model = stereo_measurements(measured, model)
+    measurements = checked_measurements(measurements)
+    t = checked_times(times, len(measurements))
+    checked_finite_noise(model, 3)
+    if prior is None and len(t) < 2:
+        raise ValueError(f"measured must have two rows or more, not {len(t)}")
+    if not (prior is None or isinstance(prior, LandmarkPrior)):
+        raise ValueError(f"prior must be a LandmarkPrior, not {type(prior).__name__}")
+    if qc is not None:
+        _diagonal(qc)
+    if T_body_cam is not None and not (qc is None and prior is None):
+        raise ValueError("T_body_cam must not be given with qc or prior: these are the camera's")
+    return {
+        "measured": measurements,
+        "times": t,
+        "landmarks": _checked_landmarks(landmarks, len(t)),
+        "model": model,
+        "states": [as_state("states", state) for state in states],
+        "camera": as_camera(camera),
+        "qc": None if qc is None else np.array(qc, np.float64),
+        "prior": prior,
+        "tolerance": _checked_tolerance(tolerance),
+        "T_body_cam": None if T_body_cam is None else checked_pose("T_body_cam", T_body_cam),
+        "deviations": None if deviations is None else _checked_deviations(deviations, len(t)),
+    }
+
+
+def _checked_tolerance(tolerance: float) -> float:
+    tolerance = checked_number("tolerance", tolerance)
+    if tolerance < 0:
+        raise ValueError(f"tolerance must not be negative, not {tolerance}")
+    return tolerance
 
 
 def _checked_landmarks(landmarks: ArrayLike, count: int) -> Index:
