@@ -1,53 +1,46 @@
 """Filters of single events before clustering: background activity, hot pixels, repeated events.
 
-Events of contours come together; background activity, leak and shot noise, comes alone. An event is
-isolated if none of the eight pixels around it had one shortly before. Where no contour is, a sensor
-with r noise events per pixel and second has r exp(-8 r ISOLATED) isolated ones, which gives r while
-the stream runs.
+Events of contours come together; background activity, leak and shot noise, comes alone.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import kernel
 from gpvo.config import ClusteringConfig
+from gpvo.events.noise_kernels import (
+    BACKGROUND,
+    HOT,
+    KEPT,
+    LATEST,
+    age_kernel,
+    copy_kept_kernel,
+    judge_kernel,
+)
+from gpvo.events.noise_rate import (
+    ISOLATED,
+    WINDOW,
+    block_lengths,
+    noise_rate,
+    passing_share,
+    spread_blocks,
+    support_time,
+    windows,
+)
 from gpvo.recordings import Events
 
-ISOLATED = 0.005
-"""An event is isolated if the pixels around had none for this time before, seconds."""
-WINDOW = 0.1
-"""Time after which the noise rate is found again, and old counts of a pixel halve, seconds."""
-BLOCK = 16
-"""Side of the blocks of pixels whose isolated events are counted."""
-ENOUGH = 256
-"""Number of blocks, spread evenly, that tell the noise rate of a large sensor."""
-QUIET = 0.25
-"""Share of the blocks with events that are taken for noise alone, the quietest ones."""
 CLEAN = 0.75
 """Noise rate below which a stream is left alone, events per pixel and second."""
 FEW = 0.1
 """Share of the events below which noise does no harm: in fast motion there are many others."""
-SUPPORTERS = 2
-"""Pixels around an event of a contour that had one of the same polarity shortly before."""
-EXPECTED = 0.53
-"""Mean number of them that noise has by chance: a tenth of it has two or more, and passes."""
-LEAST_HOT = 20
-"""Number of recent events up to which a pixel is never judged hot."""
 MANY = 200_000
 """Events of a window from which it takes long to judge them all."""
 UNSEEN = 3
 """Windows that pass unseen after one of MANY events and no noise."""
-
-KEPT, BACKGROUND, HOT, REPEATED = range(4)
-"""What became of an event."""
-LATEST, RECENT = 0, 1
-"""What is known of a pixel: see `EventFilter`."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +90,8 @@ class EventFilter:
         # third less time in 32 bits, and again where they lie together.
         self._pixels = np.zeros((height + 2, width + 2, 2), np.float32)
         self._pixels[..., LATEST] = -np.inf
-        rows, columns = map(_block_lengths, (height, width))
-        self._counts = _spread(len(rows), len(columns))
+        rows, columns = map(block_lengths, (height, width))
+        self._counts = spread_blocks(len(rows), len(columns))
         self._exposure = np.outer(rows, columns) * self._counts * np.float64(WINDOW)
         self._isolated = np.zeros(self._counts.shape, np.int64)
         self._seen = np.zeros_like(self._isolated)
@@ -184,9 +177,9 @@ class EventFilter:
         if len(events) == 0:
             return
         if self._aged != window:
-            _age(self._pixels, np.float32((window - self._aged) * WINDOW))
+            age_kernel(self._pixels, np.float32((window - self._aged) * WINDOW))
             self._aged = window
-        _judge(
+        judge_kernel(
             events.x,
             events.y,
             events.t,
@@ -208,7 +201,7 @@ def _kept(events: Events, fate: NDArray[np.uint8]) -> Events:
     """Return the events (N,) that stay; one pass takes a third of the time of one per column."""
     kept = Events.empty(int(np.count_nonzero(fate == KEPT)))
     columns = events.x, events.y, events.t, events.polarity
-    _copy_kept(fate, *columns, kept.x, kept.y, kept.t, kept.polarity)
+    copy_kept_kernel(fate, *columns, kept.x, kept.y, kept.t, kept.polarity)
     return kept
 
 
@@ -223,168 +216,3 @@ def _take_before(times: deque[NDArray[np.float64]], stop: float) -> int:
             times.appendleft(part[before:])
             break
     return count
-
-
-def windows(t: NDArray[np.float64]) -> Iterator[tuple[int, int, int]]:
-    """Cut times (N,) at multiples of WINDOW; yield window, first index and end of the parts."""
-    first = 0
-    while first < len(t):
-        window = window_of(float(t[first]))
-        last = int(np.searchsorted(t, (window + 1) * WINDOW))
-        yield window, first, last
-        first = last
-
-
-def window_of(t: float) -> int:
-    """Return the number n of a window, n WINDOW <= t < (n + 1) WINDOW as rounded products."""
-    n = int(t / WINDOW)
-    return n + (t >= (n + 1) * WINDOW) - (t < n * WINDOW)
-
-
-def support_time(rate: float) -> float:
-    """Return the time in which pixels around must have fired, seconds, at a noise rate.
-
-    Noise has half of its events in each polarity.
-    """
-    return EXPECTED / (4 * rate)
-
-
-def passing_share(rate: float, support: float) -> float:
-    """Return the share of the noise that has two or more supporters within a time, seconds."""
-    expected = 4 * rate * support
-    return float(1 - (1 + expected) * np.exp(-expected))
-
-
-def _block_lengths(length: int) -> NDArray[np.int64]:
-    """Return the sides of the blocks along an image's side, pixels; the last may be short."""
-    return np.clip(length - BLOCK * np.arange(length // BLOCK + 1), 0, BLOCK)
-
-
-def _spread(rows: int, columns: int) -> NDArray[np.bool_]:
-    """Choose about ENOUGH blocks (rows, columns), or all, in every so many rows and columns."""
-    chosen = np.zeros((rows, columns), np.bool_)
-    step = max(1, int(np.sqrt(rows * columns / ENOUGH)))
-    chosen[::step, ::step] = True
-    return chosen
-
-
-def noise_rate(
-    isolated: NDArray[np.int64], seen: NDArray[np.int64], exposure: NDArray[np.float64]
-) -> float:
-    """Estimate the background activity, events per pixel and second.
-
-    `isolated` and `seen` are numbers of isolated and of all events, block by block; `exposure` is
-    the blocks' number of pixels times the time, seconds. Of small blocks at the border too few
-    events come to tell a rate.
-    """
-    active = (seen > 0) & (exposure >= exposure.max() / 2)
-    rates = np.sort(isolated[active] / exposure[active])
-    if len(rates) == 0:
-        return 0.0
-    rate = least = rates[int(QUIET * (len(rates) - 1))]
-    for _ in range(10):  # rate exp(-8 rate ISOLATED) = least, for rates up to 1 / (8 ISOLATED)
-        rate = min(least * np.exp(8 * rate * ISOLATED), 1 / (8 * ISOLATED))
-    return float(rate)
-
-
-@kernel
-def _age(pixels: NDArray[np.float32], duration: np.float32) -> None:
-    """Count time from a window that begins so many seconds later, and halve what was counted."""
-    for pixel in pixels.reshape(-1, 2):
-        pixel[LATEST] -= duration
-        pixel[RECENT] *= np.float32(0.5)
-
-
-@kernel
-def _judge(
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    t: NDArray[np.float64],
-    polarity: NDArray[np.bool_],
-    begin: float,
-    pixels: NDArray[np.float32],
-    counts: NDArray[np.bool_],
-    isolated: NDArray[np.int64],
-    seen: NDArray[np.int64],
-    support: float,
-    hot: float,
-    fate: NDArray[np.uint8],
-) -> None:
-    """Judge events in order; of a clean stream, look around those of blocks that count alone."""
-    for i in range(len(t)):
-        row, column, now = np.intp(y[i]) + 1, np.intp(x[i]) + 1, np.float32(t[i] - begin)
-        pixel = pixels[row, column]
-        if pixel[LATEST] == now:
-            fate[i] = REPEATED
-            continue
-        recent = abs(pixel[RECENT]) + np.float32(1)
-        pixel[RECENT] = recent if polarity[i] else -recent
-        if hot > 0 and recent > LEAST_HOT and _is_hot(pixels, row, column, hot):
-            fate[i] = HOT
-            continue
-        block = y[i] // BLOCK, x[i] // BLOCK
-        fate[i] = KEPT
-        if counts[block]:
-            seen[block] += 1
-            isolated[block] += now - _newest_around(pixels, row, column) > ISOLATED
-        if support > 0:
-            since = np.float32(now - support)
-            if _supporters(pixels, row, column, since) < SUPPORTERS:
-                fate[i] = BACKGROUND
-        pixel[LATEST] = now
-
-
-@kernel
-def _copy_kept(
-    fate: NDArray[np.uint8],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    t: NDArray[np.float64],
-    polarity: NDArray[np.bool_],
-    kept_x: NDArray[np.uint16],
-    kept_y: NDArray[np.uint16],
-    kept_t: NDArray[np.float64],
-    kept_polarity: NDArray[np.bool_],
-) -> None:
-    """Set the columns of the events that stay, as many as there are."""
-    count = 0
-    for i in range(len(fate)):
-        if fate[i] == KEPT:
-            kept_x[count], kept_y[count] = x[i], y[i]
-            kept_t[count], kept_polarity[count] = t[i], polarity[i]
-            count += 1
-
-
-@kernel
-def _newest_around(pixels: NDArray[np.float32], row: int, column: int) -> np.float32:
-    """Return the latest time of the eight pixels around one."""
-    above, at, below = pixels[row - 1], pixels[row], pixels[row + 1]
-    left, right = column - 1, column + 1
-    newest = max(above[left, LATEST], above[column, LATEST], above[right, LATEST])
-    newest = max(newest, at[left, LATEST], at[right, LATEST])
-    return max(newest, below[left, LATEST], below[column, LATEST], below[right, LATEST])
-
-
-@kernel
-def _supporters(pixels: NDArray[np.float32], row: int, column: int, since: np.float32) -> int:
-    """Count the eight pixels around one that had their latest event since a time.
-
-    Only those of the pixel's own polarity count.
-    """
-    count, own = 0, pixels[row, column, RECENT] > 0
-    for r in (row - 1, row, row + 1):
-        for c in (column - 1, column, column + 1):
-            pixel = pixels[r, c]
-            alike = (pixel[LATEST] >= since) & ((pixel[RECENT] > 0) == own)
-            count += alike & ((r != row) | (c != column))
-    return count
-
-
-@kernel
-def _is_hot(pixels: NDArray[np.float32], row: int, column: int, ratio: float) -> bool:
-    """Compare a pixel's number of recent events with those of the eight pixels around it."""
-    own, total = abs(pixels[row, column, RECENT]), np.float32(0)
-    for r in (row - 1, row, row + 1):
-        for c in (column - 1, column, column + 1):
-            total += abs(pixels[r, c, RECENT])
-    return bool(own > ratio * ((total - own) / 8 + 1))

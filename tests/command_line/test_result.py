@@ -10,7 +10,7 @@ from rich.console import Console
 
 from gpvo import Odometry
 from gpvo.commands.result import Result
-from gpvo.events.noise_filter import WINDOW, passing_share, support_time
+from gpvo.events.noise_rate import WINDOW, passing_share, support_time
 from gpvo.simulation import SimulationConfig, simulate
 from gpvo.tracking import TrackingReport
 

@@ -12,16 +12,9 @@ from shown_events import of_surface
 
 from gpvo.config import ClusteringConfig
 from gpvo.events import noise_filter as module
-from gpvo.events.noise_filter import (
-    EXPECTED,
-    LEAST_HOT,
-    SUPPORTERS,
-    UNSEEN,
-    WINDOW,
-    EventFilter,
-    passing_share,
-    support_time,
-)
+from gpvo.events.noise_filter import UNSEEN, EventFilter
+from gpvo.events.noise_kernels import LEAST_HOT, SUPPORTERS
+from gpvo.events.noise_rate import EXPECTED, WINDOW, passing_share, support_time
 from gpvo.recordings import Events
 
 WIDTH, HEIGHT = 12, 9
