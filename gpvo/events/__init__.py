@@ -1,12 +1,8 @@
 """Clustering of events into surfaces of active events, section III-A.1 of the paper."""
 
 from gpvo.events.cluster_length import ImageMotion
-from gpvo.events.clustering import (
-    ClusterEvents,
-    Clustering,
-    StereoCluster,
-    cluster_events,
-)
+from gpvo.events.clustering import Clustering, cluster_events
+from gpvo.events.clusters import ClusterEvents, StereoCluster
 
 __all__ = [
     "ClusterEvents",

@@ -12,7 +12,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.events.clustering import ClusterEvents, StereoCluster
+from gpvo.events.clusters import ClusterEvents, StereoCluster
 
 BLOCK = 16
 """Side of the blocks, pixels."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gpvo.events.clustering import ClusterEvents
+from gpvo.events.clusters import ClusterEvents
 from gpvo.recordings import Events
 from gpvo.tracking.measurements import Measurements
 from gpvo.view.event_image import COLOURS, event_image
