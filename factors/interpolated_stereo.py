@@ -154,7 +154,7 @@ class InterpolatedStereoFactor(Factor):
         )
         landmark, t, T = made_of["landmark"], made_of["t"], made_of["T_body_cam"]
         T_body_cam = np.eye(4) if T is None else T
-        by_body = se3_adjoint(se3_inverse(T_body_cam))
+        by_body = np.eye(6) if T is None else se3_adjoint(se3_inverse(T))
         intrinsics = made_of["camera"].parameters
         constants = np.concatenate([[t - t_i, t_j - t], made_of["measured"], intrinsics])
 
