@@ -15,7 +15,6 @@ from factors.checks import (
     checked_duration,
     checked_key,
     checked_noise,
-    checked_pose,
     checked_vector,
 )
 from factors.factor import Factor
@@ -27,7 +26,8 @@ from factors.kernels.se3 import (
     jacobian_coefficients_kernel,
     se3_polynomial_kernel,
 )
-from factors.lie import se3_adjoint, se3_inverse, skew
+from factors.lie import skew
+from factors.mounting import camera_by_body, checked_mounting
 from factors.stereo import (
     Camera,
     StereoCamera,
@@ -84,8 +84,8 @@ class EuclideanVelocityFactor(Factor):
         velocity = checked_key("velocity", velocity)
         start, dt = checked_vector("point", point, 3), checked_duration(dt)
         end = checked_vector("measured", measured, 3)
-        mounted, by_body = _mounted(T_body_cam)
-        offset, by_velocity = start - end, dt * np.hstack([skew(start), -np.eye(3)]) @ by_body
+        mounted, offset = checked_mounting(T_body_cam), start - end
+        by_velocity = dt * np.hstack([skew(start), -np.eye(3)]) @ camera_by_body(mounted)
 
         def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
             difference: Array = offset + by_velocity @ values.atVector6(velocity)
@@ -101,14 +101,6 @@ class EuclideanVelocityFactor(Factor):
         }
         variables = [Variable("velocity", velocity, TWIST)]
         super().__init__(model, variables, error, {**made_of, "dt": dt, "T_body_cam": mounted})
-
-
-def _mounted(T_body_cam: Pose | None) -> tuple[Array | None, Array]:
-    """Check the pose of a camera; also the Jacobian (6, 6) of its twist by that of the body."""
-    if T_body_cam is None:
-        return None, np.eye(6)
-    T = checked_pose("T_body_cam", T_body_cam)
-    return T, se3_adjoint(se3_inverse(T))
 
 
 @kernel
@@ -184,7 +176,8 @@ class ReprojectionVelocityFactor(Factor):
         if start[2] <= 0:
             raise ValueError(f"point must be in front of the camera, not {start}")
         camera = as_camera(camera)
-        parameters, (mounted, by_body) = camera.parameters, _mounted(T_body_cam)
+        mounted, parameters = checked_mounting(T_body_cam), camera.parameters
+        by_body = camera_by_body(mounted)
 
         def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
             v = values.atVector6(velocity)

@@ -8,14 +8,14 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import Pose, checked_key, checked_pose, power_spectral_density
+from factors.checks import Pose, checked_key, power_spectral_density
 from factors.factor import Factor
 from factors.jacobian_blocks import JacobianBlocks
 from factors.kernels.between import between_kernel, chain_kernel
 from factors.kernels.compiled import kernel
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
 from factors.kernels.se3 import Array, copy_columns_kernel
-from factors.lie import se3_adjoint, se3_inverse
+from factors.mounting import camera_by_body, checked_mounting
 from factors.stereo import (
     Camera,
     StereoCamera,
@@ -154,8 +154,7 @@ class InterpolatedStereoFactor(Factor):
         )
         landmark, t, T = made_of["landmark"], made_of["t"], made_of["T_body_cam"]
         T_body_cam = np.eye(4) if T is None else T
-        by_body = np.eye(6) if T is None else se3_adjoint(se3_inverse(T))
-        intrinsics = made_of["camera"].parameters
+        by_body, intrinsics = camera_by_body(T), made_of["camera"].parameters
         constants = np.concatenate([[t - t_i, t_j - t], made_of["measured"], intrinsics])
 
         def error(values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> Array:
@@ -220,5 +219,5 @@ def _checked(
         "landmark": checked_key("landmark", landmark),
         "camera": as_camera(camera),
         "t": checked_time_between(t, *states),
-        "T_body_cam": None if T_body_cam is None else checked_pose("T_body_cam", T_body_cam),
+        "T_body_cam": checked_mounting(T_body_cam),
     }

@@ -7,6 +7,7 @@ from typing import Any
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from factors.factor import Evaluate
 from factors.interpolation import given_states
@@ -23,6 +24,8 @@ from factors.kernels.whitened import whitened_wnoa_kernel, whitened_wnoj_kernel
 from factors.spaces import Space
 from factors.variables import vector
 from factors.wnoa import information_root, kronecker
+
+Places = NDArray[np.int64]
 
 _OF_POINTS: dict[int, Any] = {
     1: gtsam.WnoaMotionFactorPoint1,
@@ -63,18 +66,16 @@ class PriorError:
             self.evaluate = self._of_vectors()
             S = np.linalg.qr(kronecker(information_root(dt, order), W), mode="r")
             self.model = gtsam.noiseModel.Gaussian.SqrtInformation(S, False)
-            return
-        places = np.array([*space.columns, *space.axes])
-        if order == 3:
-            self.evaluate = self._of_poses_by_jerk(places)
+        elif order == 3:
+            self.evaluate = self._of_poses_by_jerk(space.places)
         else:
             mean = np.zeros(len(W)) if acceleration is None else acceleration
-            self.evaluate = self._of_poses(places, higher, mean)
+            self.evaluate = self._of_poses(space.places, higher, mean)
 
-    def _of_poses(self, places: Array, higher: float, acceleration: Array) -> Evaluate:
+    def _of_poses(self, places: Places, higher: float, acceleration: Array) -> Evaluate:
         """Error function of WNOA, whose Jacobians beyond first order have the weight `higher`.
 
-        `places` are columns and axes of the space, `acceleration` (n,) is the mean acceleration.
+        `places` are those of the space, `acceleration` (n,) is the mean acceleration.
         """
         W, root = self._W, information_root(self._dt, 2)
         diagonal = float(np.count_nonzero(W) == len(W))
@@ -102,7 +103,7 @@ class PriorError:
 
         return error
 
-    def _of_poses_by_jerk(self, places: Array) -> Evaluate:
+    def _of_poses_by_jerk(self, places: Places) -> Evaluate:
         """Error function of WNOJ."""
         root = information_root(self._dt, 3)
         constants = np.concatenate([[self._dt], root.ravel(), self._W.ravel()])

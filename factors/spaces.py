@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from factors.kernels.se3 import Array
 from factors.variables import POSE2, POSE3, ROT3, Kind
@@ -35,6 +36,11 @@ class Space(NamedTuple):
     columns: tuple[int, ...]
     axes: tuple[int, ...]
     from_transform: Callable[[Array], Any]
+
+    @property
+    def places(self) -> NDArray[np.int64]:
+        """Return columns and axes, as kernels take them."""
+        return np.array([*self.columns, *self.axes])
 
     def to_transform(self, pose: Any) -> Array:
         """Return the transform (4, 4) of GTSAM's object."""

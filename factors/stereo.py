@@ -16,12 +16,12 @@ from factors.checks import (
     checked_key,
     checked_number,
     checked_numbers,
-    checked_pose,
     checked_vector,
 )
 from factors.factor import Described
 from factors.kernels.compiled import kernel
 from factors.kernels.se3 import Array
+from factors.mounting import checked_mounting
 from factors.variables import POINT3, POSE3, Variable, checked_keys
 
 StereoMeasurement = ArrayLike | gtsam.StereoPoint2
@@ -260,7 +260,7 @@ class StereoReprojectionFactor(Described, gtsam.GenericStereoFactor3D):
         camera = as_camera(camera)
         pose, landmark = checked_key("pose", pose), checked_key("landmark", landmark)
         checked_keys([Variable("pose", pose, POSE3), Variable("landmark", landmark, POINT3)])
-        T = np.eye(4) if T_body_cam is None else checked_pose("T_body_cam", T_body_cam)
+        mounted = checked_mounting(T_body_cam)
         self._describe(
             {
                 "measured": measurement,
@@ -268,7 +268,7 @@ class StereoReprojectionFactor(Described, gtsam.GenericStereoFactor3D):
                 "pose": pose,
                 "landmark": landmark,
                 "camera": camera,
-                "T_body_cam": None if T_body_cam is None else T,
+                "T_body_cam": mounted,
             }
         )
         u_left, v, disparity = measurement
@@ -280,5 +280,5 @@ class StereoReprojectionFactor(Described, gtsam.GenericStereoFactor3D):
             camera.to_gtsam(),
             False,
             False,
-            gtsam.Pose3(T),
+            gtsam.Pose3(np.eye(4) if mounted is None else mounted),
         )

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from factors.checks import checked_array
 from factors.kernels.se3 import Array
-from factors.lie import se3_adjoint, se3_inverse
+from factors.mounting import camera_by_body
 from factors.structureless.landmark_kernels import poses_between_kernel
 from factors.variables import Variable, variables_at
 
@@ -63,7 +63,7 @@ class BracketingStates:
         self.t = t_states[used]
         self.first = np.searchsorted(used, first).astype(np.int64)
         self.T_body_cam = T_body_cam
-        self.by_body = None if T_body_cam is None else se3_adjoint(se3_inverse(T_body_cam))
+        self.by_body = None if T_body_cam is None else camera_by_body(T_body_cam)
 
     def at(self, t: Array) -> BracketingStates:
         """Return the same states with other times."""

@@ -21,11 +21,11 @@ from factors.checks import (
     checked_array,
     checked_finite_noise,
     checked_number,
-    checked_pose,
     power_spectral_density,
 )
 from factors.factor import Factor
 from factors.kernels.se3 import Array
+from factors.mounting import checked_mounting
 from factors.stereo import Camera, StereoMeasurements, as_camera, stereo_measurements
 from factors.structureless.bracketing_states import BracketingStates, checked_times
 from factors.structureless.fitted_landmarks import FittedLandmarks, checked_measurements
@@ -108,17 +108,17 @@ class StructurelessStereoFactor(Factor):
         T_body_cam: Pose | None = None,
         deviations: ArrayLike | None = None,
     ) -> None:
+        roots = None if qc is None else np.sqrt(_diagonal(qc))
         made_of = _checked(
             *(measured, times, landmarks, model, states, camera),
             *(qc, prior, tolerance, T_body_cam, deviations),
         )
-        t, number = made_of["times"], made_of["landmarks"]
+        t, number, each = made_of["times"], made_of["landmarks"], made_of["deviations"]
         order = self._order = np.lexsort((t, number))
-        each = _checked_deviations(deviations, len(t))[order]
+        each = np.ones((len(t), 3)) if each is None else each[order]
         seen = made_of["measured"][order], number[order], made_of["model"], made_of["camera"]
         every, mount = not (qc is None and prior is None), made_of["T_body_cam"]
         between = BracketingStates(t[order], made_of["states"], every, mount)
-        roots = None if qc is None else np.sqrt(_diagonal(qc))
         known = LandmarkPrior.none() if prior is None else prior
 
         def window_with(resting: Index) -> LandmarkWindow:
@@ -218,8 +218,6 @@ def _checked(
         raise ValueError(f"measured must have two rows or more, not {len(t)}")
     if not (prior is None or isinstance(prior, LandmarkPrior)):
         raise ValueError(f"prior must be a LandmarkPrior, not {type(prior).__name__}")
-    if qc is not None:
-        _diagonal(qc)
     if T_body_cam is not None and not (qc is None and prior is None):
         raise ValueError("T_body_cam must not be given with qc or prior: these are the camera's")
     return {
@@ -232,12 +230,13 @@ def _checked(
         "qc": None if qc is None else np.array(qc, np.float64),
         "prior": prior,
         "tolerance": _checked_tolerance(tolerance),
-        "T_body_cam": None if T_body_cam is None else checked_pose("T_body_cam", T_body_cam),
+        "T_body_cam": checked_mounting(T_body_cam),
         "deviations": None if deviations is None else _checked_deviations(deviations, len(t)),
     }
 
 
 def _checked_tolerance(tolerance: float) -> float:
+    """Return a finite number that is not negative."""
     tolerance = checked_number("tolerance", tolerance)
     if tolerance < 0:
         raise ValueError(f"tolerance must not be negative, not {tolerance}")
