@@ -205,8 +205,31 @@ class GaussianProcess:
             except (RuntimeError, IndexError) as error:
                 names = key_names(keys)
                 raise ValueError(f"marginals have no covariance of {names}: {error}") from error
-            self._joint[i] = np.block([[found.at(a, b) for b in keys] for a in keys])
+            joint = np.block([[found.at(a, b) for b in keys] for a in keys])
+            self._joint[i] = self._without_fixed(joint, keys)
         return self._joint[i]
+
+    def _without_fixed(self, joint: Array, keys: list[int]) -> Array:
+        """Return the joint covariance (24, 24) of keys, zero where a Constrained noise fixes one.
+
+        There GTSAM's is the identity, and that of the key alone is zero. Both are wrong where only
+        some coordinates of a key are fixed.
+        """
+        if not np.isclose(np.diag(joint), 1.0).any():
+            return joint
+        joint = joint.copy()
+        for k, key in enumerate(keys):
+            if self._marginals.marginalCovariance(key).any():
+                continue
+            own = slice(6 * k, 6 * k + 6)
+            if not np.allclose(joint[own, own], np.eye(6)):
+                name = key_names([key])
+                raise ValueError(
+                    f"marginals have no covariance of {name}, which Constrained noise fixes in"
+                    " part: give it small sigmas"
+                )
+            joint[own], joint[:, own] = 0.0, 0.0
+        return joint
 
 
 @kernel

@@ -148,3 +148,28 @@ def test_bad_input_is_refused_by_name() -> None:
     for name, call in calls:
         with pytest.raises(ValueError, match=name):
             call()
+
+
+@pytest.mark.parametrize("solved", [False, True])
+def test_a_pose_that_is_fixed_has_no_covariance(solved: bool) -> None:
+    """As with a very tight prior: GTSAM's joint covariance has the variance 1 there."""
+    values, states, t = random_states(3, 0.1, COUNT), states_of(0.1), np.array([1.0, 1.04, 1.25])
+    noise, found = gtsam.noiseModel, []
+    for fixed in (noise.Constrained.All(6), noise.Isotropic.Sigma(6, 1e-6)):
+        graph = graph_of(values, states)
+        graph.add(gtsam.PriorFactorPose3(X(0), values.atPose3(X(0)), fixed))
+        marginals: Any = gtsam.Marginals(graph, values) if solved else graph
+        found.append(GaussianProcess(states, values, QC, marginals).covariance(t))
+    assert not found[0][0, :6].any()
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-5, atol=1e-9)
+
+
+def test_a_pose_that_is_fixed_in_part_is_refused() -> None:
+    """GTSAM's covariance of it is wrong."""
+    values, states = random_states(3, 0.1, COUNT), states_of(0.1)
+    sigmas = np.array([0.1, 0.1, 0.1, 0.0, 0.1, 0.1])
+    noise = gtsam.noiseModel.Constrained.MixedSigmas(6, sigmas)
+    graph = graph_of(values, states)
+    graph.add(gtsam.PriorFactorPose3(X(0), values.atPose3(X(0)), noise))
+    with pytest.raises(ValueError, match="x0, which Constrained noise fixes in part"):
+        GaussianProcess(states, values, QC, graph).covariance(1.04)
