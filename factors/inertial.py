@@ -6,7 +6,14 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import Pose, checked_key, checked_noise, checked_pose, checked_vector
+from factors.checks import (
+    Pose,
+    checked_duration,
+    checked_key,
+    checked_noise,
+    checked_pose,
+    checked_vector,
+)
 from factors.factor import Factor
 from factors.jacobian_blocks import JacobianBlocks, Jacobians
 from factors.kernels.imu import imu_kernel
@@ -125,6 +132,7 @@ class ImuFactor(Factor):
                 f"preintegrated must last from state_i to state_j, {duration} s, not "
                 f"{preintegrated.deltaTij()} s"
             )
+        checked_duration(duration, "the time from state_i to state_j")
         native = gtsam.ImuFactor(0, 1, 2, 3, 4, preintegrated)
         constants = _constants(preintegrated)
         _check_error(native, constants)
@@ -146,6 +154,8 @@ class ImuFactor(Factor):
             return own.error
 
         variables = [*variables_of(*states), Variable("bias", bias, BIAS)]
+        # A copy: the caller may reset his, and integrate on.
+        preintegrated = native.preintegratedMeasurements()
         made_of = {"preintegrated": preintegrated, "state_i": states[0], "state_j": states[1]}
         super().__init__(native.noiseModel(), variables, error, {**made_of, "bias": bias})
 

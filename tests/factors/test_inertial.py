@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from itertools import pairwise
 
 import gtsam
@@ -249,3 +250,16 @@ def test_bad_input_is_refused_by_name() -> None:
     ):
         with pytest.raises(ValueError, match=name):
             make()
+
+
+def test_the_measurements_may_be_reset_and_integrated_on() -> None:
+    data, values, twist = preintegrated(0.0, DT), gtsam.Values(), np.arange(6) / 10
+    factor = ImuFactor(data, *STATES, B(0))
+    for k in range(2):
+        values.insert(X(k), gtsam.Pose3(se3_exp(0.1 * k * twist)))
+        values.insert(V(k), twist)
+    values.insert(B(0), gtsam.imuBias.ConstantBias())
+    before = factor.unwhitenedError(values)
+    data.resetIntegration()
+    for other in (factor, copy.copy(factor)):
+        np.testing.assert_array_equal(other.unwhitenedError(values), before)
