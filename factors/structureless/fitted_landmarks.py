@@ -17,6 +17,7 @@ from factors.structureless.landmark_prior import LandmarkPrior, points_of
 from factors.structureless.robust_losses import Loss
 
 _MAX_STEPS = 50
+_MAX_REWEIGHTED = 1000  # each time closer by a share, which is small for some losses
 _TOLERANCE = 1e-11  # of coordinates, in units of the focal length and of one over a metre
 
 
@@ -84,7 +85,7 @@ class FittedLandmarks:
         self.loss, self.measured, self.camera = Loss(model), measured, camera.parameters
         self.number = increasing(number, prior.number)
         self.of = np.searchsorted(self.number, number)
-        self.start = np.searchsorted(number, np.append(self.number, np.iinfo(np.int64).max))
+        self.start = np.append(np.searchsorted(number, self.number), len(number))
         self.prior, self.with_prior = prior, np.searchsorted(self.number, prior.number)
         self._prior_of = np.full(len(self.number), -1)
         self._prior_of[self.with_prior] = np.arange(len(prior))
@@ -114,7 +115,7 @@ class FittedLandmarks:
             found = self._stepped(T, charts, self._initial, views, offset, ones, _MAX_STEPS)
             return Fit(T, charts, *found, self.loss.weights(found[1]))
         found = self._stepped(T, charts, self._initial, views, offset, ones, 0)
-        for _ in range(_MAX_STEPS):
+        for _ in range(_MAX_REWEIGHTED):
             before, weights = found[0], self.loss.weights(found[1])
             found = self._stepped(T, charts, before, views, offset, weights, 1)
             if np.abs(found[0] - before).max(initial=0.0) <= _TOLERANCE:

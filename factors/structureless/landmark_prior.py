@@ -51,8 +51,9 @@ class LandmarkPrior:
     velocity: Array
 
     def __post_init__(self) -> None:
-        number = checked_array("number", self.number, ())
-        if number.ndim != 1 or (number % 1).any() or (np.diff(number) <= 0).any():
+        number = np.asarray(self.number)
+        integers = number.ndim == 1 and (number.dtype.kind in "iu" or not number.size)
+        if not integers or (number[1:] <= number[:-1]).any():
             raise ValueError("number must be increasing integers, (P,)")
         count, columns = len(number), np.shape(self.rows)[-1] if np.ndim(self.rows) else 0
         object.__setattr__(self, "number", number.astype(np.int64))

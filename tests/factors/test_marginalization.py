@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 import pytest
 from graphs import CAMERA
-from gtsam.symbol_shorthand import X
+from gtsam.symbol_shorthand import L, X
 from numpy.typing import NDArray
 from windows import (
     NOISE,
@@ -375,3 +375,14 @@ def test_what_is_known_of_landmarks_that_have_moved() -> None:
     np.testing.assert_allclose(given_state(whole), expected, atol=1e-6 * np.abs(expected).max())
     means = [np.linalg.solve(prior.root, prior.rows) for prior in (whole, still)]
     np.testing.assert_allclose(*means, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("shift", [L(0), 2**63 - 1 - int(WINDOW.landmark.max())])
+def test_identities_may_be_as_large_as_keys(shift: int) -> None:
+    """No number is rounded, and none is kept for a purpose of its own."""
+    large = dataclasses.replace(WINDOW, landmark=WINDOW.landmark + shift)
+    small, found = (marginal(window, WINDOW.truth, QC, 2) for window in (WINDOW, large))
+    np.testing.assert_array_equal(found.prior.number, small.prior.number + shift)
+    following = [w.factor(2, QC, m.prior) for w, m in ((WINDOW, small), (large, found))]
+    assert following[0].error(WINDOW.truth) == following[1].error(WINDOW.truth)
+    assert following[0].redundancy == following[1].redundancy
