@@ -15,6 +15,7 @@ from factors.kernels.compiled import bare_kernel, kernel
 from factors.kernels.se3 import Array
 
 SQUARE, HUBER, CAUCHY, GEMAN_MCCLURE = 0.0, 1.0, 2.0, 3.0
+_INCREASING = np.geomspace(1e-3, 1e3, 61)
 _FAR = 2.0**100  # no rounding: a power of two
 
 
@@ -27,12 +28,20 @@ class Loss:
         (2,) kind and scale, for the kernels; SQUARE for a loss that they do not know.
     other
         GTSAM's loss if the kernels do not know it: they then take its weights.
+
+    Raises
+    ------
+    ValueError
+        If larger errors weigh more, as in L2WithDeadZone: repeated weighting then finds no optimum.
     """
 
     def __init__(self, model: gtsam.noiseModel.Base) -> None:
         robust = model.robust() if isinstance(model, gtsam.noiseModel.Robust) else None
         self.parameters = _parameters(robust)
         self.other: Any = robust if self.parameters[0] == SQUARE else None
+        if self.other is not None and (np.diff(self.weights(_INCREASING)) > 1e-9).any():
+            kind = type(self.other).__name__
+            raise ValueError(f"model must not give larger errors more weight, as {kind} does")
 
     def weights(self, distances: Array) -> Array:
         """(n,) weights of the squared errors, of the norms (n,) of whitened errors."""

@@ -8,10 +8,12 @@ import gtsam
 import numpy as np
 import pytest
 from graphs import NOISE
+from gtsam.symbol_shorthand import X
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 from numpy.typing import NDArray
+from windows import Window
 
 from factors.structureless.robust_losses import SQUARE, Loss, loss_kernel
 
@@ -65,3 +67,26 @@ def test_without_a_loss_it_is_half_the_square() -> None:
     np.testing.assert_array_equal(loss.weights(distances), 1.0)
     assert loss.total(distances) == 0.5 * np.sum(distances**2)
     np.testing.assert_array_equal(of_kernel(distances, loss.parameters)[:, 2], 1.0)
+
+
+@pytest.mark.parametrize("name", ["Fair", "Tukey", "Welsch", "DCS", "AsymmetricCauchy"])
+def test_landmarks_are_at_the_optimum_of_every_loss(name: str) -> None:
+    """So that the cost changes with the states as its gradient says."""
+    window = Window.simulated(3, 6, seen=6, noise=1.0, qc=None, seed=4)
+    robust = getattr(ESTIMATORS, name).Create(1.0)
+    factor = window.factor(model=gtsam.noiseModel.Robust.Create(robust, NOISE))
+    at, step = window.truth, 1e-5
+    graph = gtsam.GaussianFactorGraph()
+    graph.push_back(factor.linearize(at))
+    gradient = graph.gradientAtZero().at(X(1))
+    moved = [gtsam.Values(at) for _ in range(2)]
+    for values, sign in zip(moved, (1, -1), strict=True):
+        values.update(X(1), at.atPose3(X(1)).retract(sign * step * np.eye(6)[3]))
+    numerical = (factor.error(moved[0]) - factor.error(moved[1])) / (2 * step)
+    np.testing.assert_allclose(gradient[3], numerical, rtol=2e-3)
+
+
+def test_a_loss_that_weighs_larger_errors_more_is_refused() -> None:
+    dead_zone = gtsam.noiseModel.Robust.Create(ESTIMATORS.L2WithDeadZone.Create(1.0), NOISE)
+    with pytest.raises(ValueError, match="model must not give larger errors more weight"):
+        Loss(dead_zone)
