@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from factors.kernels.compiled import bare_kernel, kernel
 from factors.kernels.se3 import Array
 
+_FEW = 32  # columns to begin with; so many are rarely needed
 _ROUNDING = 1e-13  # of a variance: what is left of it after elimination is no number any more
 
 
@@ -149,7 +150,7 @@ def pivoted_cholesky_kernel(
     Pivots are taken until scale * (k - GGᵀ) is nowhere larger than the tolerance on the diagonal.
     """
     m, rank = len(times), 0
-    gains, left, pivots = np.zeros((m, m)), np.empty(m), np.empty(m, np.int64)
+    gains, left, pivots = np.empty((m, _FEW)), np.empty(m), np.empty(m, np.int64)
     for n in range(m):
         left[n] = _covariance_kernel(times[n], times[n], duration)
     while rank < m:
@@ -160,6 +161,10 @@ def pivoted_cholesky_kernel(
         rounding = _ROUNDING * _covariance_kernel(times[best], times[best], duration)
         if not (left[best] * scale[best] > tolerance and left[best] > rounding):
             break
+        if rank == gains.shape[1]:
+            wider = np.empty((m, 2 * rank))
+            wider[:, :rank] = gains
+            gains = wider
         pivots[rank], root = best, np.sqrt(left[best])
         for n in range(m):
             value = _covariance_kernel(times[n], times[best], duration)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from factors import wnoa_covariance
-from factors.structureless.bridge import Bridge, bridge_covariance
+from factors.structureless.bridge import Bridge, bridge_covariance, pivoted_cholesky_kernel
 
 Array = NDArray[np.float64]
 
@@ -184,3 +184,14 @@ def test_near_a_state_the_deviation_keeps_its_digits(share: float, duration: flo
     found = Bridge.through(times, duration, np.ones(1), 0.0).gains[0, 0] ** 2
     share = times[0] / duration
     np.testing.assert_allclose(found, (share * (1 - share) * duration) ** 3 / 3, rtol=1e-12)
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=3, derandomize=True)
+def test_so_many_variables_as_are_needed_are_taken(seed: int) -> None:
+    """More than there is room for to begin with."""
+    times = times_within(seed, 1.0, 70)
+    gains, pivots = pivoted_cholesky_kernel(times, 1.0, np.ones(70), 0.0)
+    assert len(pivots) > 32
+    found, expected = gains @ gains.T, bridge_covariance(times, times, 1.0)[0, 0]
+    np.testing.assert_allclose(found, expected, atol=1e-12 * expected.max())
