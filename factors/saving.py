@@ -6,6 +6,7 @@ it was made with, and all else is GTSAM's own text.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import reduce
@@ -18,6 +19,7 @@ import factors
 from factors.factor import Described, original
 
 _GTSAM = "gtsam.gtsam."
+_NOT_FINITE = re.compile(r"(?<!\w)-?(inf|nan)(?!\w)")
 
 
 def to_dict(graph: gtsam.NonlinearFactorGraph) -> dict[str, Any]:
@@ -69,7 +71,10 @@ def _encoded(value: Any) -> Any:
         return {"type": type(value).__name__, "with": _encoded_items(named)}
     name = f"{type(value).__module__}.{type(value).__qualname__}"
     if name.startswith(_GTSAM) and "serialize" in vars(type(value)):
-        return {"gtsam": name.removeprefix(_GTSAM), "text": value.serialize()}
+        text = value.serialize()
+        if _NOT_FINITE.search(text):
+            raise ValueError(f"GTSAM cannot read what it writes of {name} with an infinite number")
+        return {"gtsam": name.removeprefix(_GTSAM), "text": text}
     raise ValueError(f"{name} has no description")
 
 

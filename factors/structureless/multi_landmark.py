@@ -156,7 +156,10 @@ class StructurelessStereoFactor(Factor):
         return self.window.landmarks.redundancy
 
     def states_between(self, values: gtsam.Values) -> StatesBetween:
-        """Return the states at the measurements' own times, given those of the graph."""
+        """Return the states at the measurements' own times, given those of the graph.
+
+        By the latest linearisation, if there was one: the states may have moved a little since.
+        """
         return self.window.states_between(*self.window.between.read(values))
 
     def residuals(self, values: gtsam.Values) -> Array:
@@ -246,7 +249,8 @@ def _checked_tolerance(tolerance: float) -> float:
 def _checked_landmarks(landmarks: ArrayLike, count: int) -> Index:
     """(count,) integers."""
     number = np.asarray(landmarks)
-    if number.dtype.kind not in "iu" or number.shape not in ((), (count,)):
+    integers = number.dtype.kind in "iu" or not number.size
+    if not integers or number.shape not in ((), (count,)):
         raise ValueError(f"landmarks must be one integer or {count}, not {number}")
     return np.broadcast_to(number, (count,)).astype(np.int64)
 

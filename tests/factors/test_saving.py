@@ -88,3 +88,22 @@ def test_what_cannot_be_saved_is_named() -> None:
 def test_other_descriptions_are_refused(description: Any) -> None:
     with pytest.raises(ValueError, match=r"description|makes no"):
         from_dict(description)
+
+
+@pytest.mark.parametrize("sigma", [np.inf, np.nan])
+def test_numbers_that_cannot_be_read_again_are_not_saved(sigma: float) -> None:
+    one = gtsam.NonlinearFactorGraph()
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.r_[1.0, 1.0, sigma])
+    factor = InterpolatedStereoFactor(MEASURED, noise, *STATES, L(0), CAMERA, 0.03)
+    one.add(factor)
+    with pytest.raises(ValueError, match=r"factor 0 cannot be saved: .* infinite"):
+        to_dict(one)
+
+
+def test_a_factor_that_only_has_a_prior_can_be_saved() -> None:
+    before = gtsam.NonlinearFactorGraph()
+    nothing = np.empty((0, 3)), np.empty(0), np.empty(0, np.int64)
+    factor = StructurelessStereoFactor(*nothing, NOISE, STATES, CAMERA, QC, LandmarkPrior.none())
+    before.add(factor)
+    after = from_dict(json.loads(json.dumps(to_dict(before))))
+    assert factor.equals(after.at(0))
