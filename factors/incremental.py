@@ -11,7 +11,7 @@ from typing import Any
 
 import gtsam
 
-from factors.checks import checked_duration, key_name
+from factors.checks import checked_duration, checked_number, key_name
 from factors.factor import check_values
 
 
@@ -49,6 +49,8 @@ class Incremental:
         self._held = solver.getLinearizationPoint()
 
     def __getattr__(self, name: str) -> Any:
+        if name == "solver":  # while a copy is made
+            raise AttributeError(name)
         return getattr(self.solver, name)
 
     def update(
@@ -56,8 +58,11 @@ class Incremental:
         graph: gtsam.NonlinearFactorGraph | None = None,
         values: gtsam.Values | None = None,
         *others: Any,
+        **named: Any,
     ) -> Any:
         """Update the solver with new factors and values, and what else its own `update` takes.
+
+        Of a smoother that is `timestamps` first: seconds, by key.
 
         Raises
         ------
@@ -68,17 +73,20 @@ class Incremental:
         graph = gtsam.NonlinearFactorGraph() if graph is None else graph
         values = gtsam.Values() if values is None else values
         timed = isinstance(self.solver, gtsam.IncrementalFixedLagSmoother)
+        if timed and not others:
+            others = (named.pop("timestamps", {}),)
         for key in values.keys():  # noqa: SIM118
             name = key_name(key)
             if self._held.exists(key):
                 raise ValueError(f"{name} is in the solver already")
-            if timed and not (others and key in others[0]):
+            if timed and key not in others[0]:
                 raise ValueError(f"{name} must have a time in the time stamps")
-        others = others or (({},) if timed else ())
+            if timed:
+                checked_number(f"the time of {name}", others[0][key])
         both = gtsam.Values(self._held)
         both.insert(values)
         check_values(graph, both)
-        return self.solver.update(graph, values, *others)
+        return self.solver.update(graph, values, *others, **named)
 
 
 def isam2(parameters: gtsam.ISAM2Params | None = None) -> Incremental:

@@ -246,3 +246,17 @@ def test_a_held_solver_copies_no_values_and_is_freed() -> None:
         fixed_lag_smoother(0.0)
     with pytest.raises(ValueError, match="lag"):
         fixed_lag_smoother("a second")  # type: ignore[arg-type]
+
+
+def test_time_stamps_are_named_as_gtsam_names_them_and_finite() -> None:
+    solver, values = fixed_lag_smoother(1.0), random_states(1, 0.05)
+    graph = gtsam.NonlinearFactorGraph()
+    for k in range(2):
+        graph.add(gtsam.PriorFactorPose3(X(k), values.atPose3(X(k)), UNIT))
+    some = gtsam.Values()
+    for k in range(2):
+        some.insert(X(k), values.atPose3(X(k)))
+    with pytest.raises(ValueError, match="the time of x1 must be a finite number"):
+        solver.update(graph, some, timestamps={X(0): 0.0, X(1): np.inf})
+    solver.update(graph, some, timestamps={X(0): 0.0, X(1): 0.1})
+    assert solver.calculateEstimate().size() == 2
