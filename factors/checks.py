@@ -152,14 +152,21 @@ def checked_positive_definite(name: str, given: ArrayLike, n: int) -> Array:
         raise ValueError(f"{name} must be {n} or {n} x {n} finite numbers, not {array}")
     if not _is_positive_definite(array):
         raise ValueError(f"{name} must be symmetric and positive definite, not {array}")
-    return np.diag(array) if array.ndim == 1 else array
+    return np.diag(array) if array.ndim == 1 else 0.5 * (array + array.T)
 
 
 def _is_positive_definite(matrix: Array) -> bool:
-    """Tell whether a matrix (n, n), or a diagonal (n,), is symmetric and positive definite."""
+    """Tell whether a matrix (n, n), or a diagonal (n,), is symmetric and positive definite.
+
+    Symmetric but for rounding, next to the diagonal: that of A D Aᵀ, say.
+    """
+    variances = matrix if matrix.ndim == 1 else np.diag(matrix)
+    if not variances.min() > 0:
+        return False
     if matrix.ndim == 1:
-        return bool(matrix.min() > 0)
-    symmetric = (np.abs(matrix - matrix.T) <= 1e-12 * np.abs(matrix)).all()
+        return True
+    rounding = 1e-12 * np.sqrt(np.outer(variances, variances))
+    symmetric = (np.abs(matrix - matrix.T) <= rounding).all()
     return bool(symmetric and np.linalg.eigvalsh(matrix)[0] > 0)
 
 

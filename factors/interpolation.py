@@ -76,9 +76,11 @@ def interpolate(
     """
     T_i, T_j = checked_poses("T_i", T_i), checked_poses("T_j", T_j)
     v_i, v_j = checked_array("v_i", v_i, (6,)), checked_array("v_j", v_j, (6,))
-    t_i, t_j, t = (np.asarray(x, np.float64) for x in (t_i, t_j, t))
+    t_i, t_j = checked_array("t_i", t_i, ()), checked_array("t_j", t_j, ())
+    t = checked_array("t", t, ())
     shapes = T_i.shape[:-2], v_i.shape[:-1], T_j.shape[:-2], v_j.shape[:-1]
-    batch = np.broadcast_shapes(t_i.shape, t_j.shape, t.shape, *shapes)
+    joint = _checked_covariance("joint_covariance", joint_covariance, 24)
+    batch = np.broadcast_shapes(t_i.shape, t_j.shape, t.shape, *shapes, joint.shape[:-2])
     if not (np.all(t_i < t_j) and np.all(t_i <= t) and np.all(t <= t_j)):
         raise ValueError("t must lie between t_i and t_j, and t_i before t_j")
     T_i, T_j = _spread(T_i, batch, (4, 4)), _spread(T_j, batch, (4, 4))
@@ -90,7 +92,6 @@ def interpolate(
     if joint_covariance is not None:
         if qc is None:
             raise ValueError("qc is needed to interpolate a covariance")
-        joint = checked_array("joint_covariance", joint_covariance, (24, 24))
         root = _spread(_square_root(joint), batch, (24, 24))
         W = whitening(qc)
         from_i = _whitened_prior(T_i, v_i, pose, velocity, a, W)
@@ -100,6 +101,12 @@ def interpolate(
         covariance[a == 0], covariance[b == 0] = joint[a == 0, :12, :12], joint[b == 0, 12:, 12:]
         covariance = covariance.reshape(*batch, 12, 12)
     return InterpolatedState(pose.reshape(*batch, 4, 4), velocity.reshape(*batch, 6), covariance)
+
+
+def _checked_covariance(name: str, covariance: ArrayLike | None, size: int) -> Array:
+    """Return covariances (..., size, size), finite; zero if there are none."""
+    found = np.zeros((size, size)) if covariance is None else covariance
+    return checked_array(name, found, (size, size))
 
 
 @kernel
@@ -213,7 +220,8 @@ def extrapolate(
     """
     T_i, v_i = checked_poses("T_i", T_i), checked_array("v_i", v_i, (6,))
     dt = checked_array("dt", dt, ())
-    batch = np.broadcast_shapes(dt.shape, T_i.shape[:-2], v_i.shape[:-1])
+    start = _checked_covariance("covariance", covariance, 12)
+    batch = np.broadcast_shapes(dt.shape, T_i.shape[:-2], v_i.shape[:-1], start.shape[:-2])
     T_i, v_i, dt = _spread(T_i, batch, (4, 4)), _spread(v_i, batch, (6,)), _spread(dt, batch, ())
     pose, velocity = np.empty((len(dt), 4, 4)), v_i  # constant, in the body's frame
     _extrapolate_batch(T_i, v_i, dt, pose)
@@ -221,7 +229,6 @@ def extrapolate(
     if covariance is not None:
         if qc is None:
             raise ValueError("qc is needed to extrapolate a covariance")
-        start = checked_array("covariance", covariance, (12, 12))
         W = whitening(qc)
         ahead = _whitened_prior(T_i, v_i, pose, velocity, np.maximum(dt, 0), W)
         behind = _whitened_prior(pose, velocity, T_i, v_i, np.maximum(-dt, 0), W)

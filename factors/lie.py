@@ -102,7 +102,7 @@ def se3_left_jacobian(xi: ArrayLike) -> Array:
 
 def se3_right_jacobian(xi: ArrayLike) -> Array:
     """Compute right Jacobians J (..., 6, 6) of twists (..., 6): Exp(xi + d) = Exp(xi) Exp(J d)."""
-    return _left_jacobian(np.negative(xi), False)
+    return _left_jacobian(-checked_array("xi", xi, (6,)), False)
 
 
 def se3_left_jacobian_inverse(xi: ArrayLike) -> Array:
@@ -112,7 +112,7 @@ def se3_left_jacobian_inverse(xi: ArrayLike) -> Array:
 
 def se3_right_jacobian_inverse(xi: ArrayLike) -> Array:
     """Compute inverse right Jacobians (..., 6, 6) of twists (..., 6); singular at angle 2 pi."""
-    return _left_jacobian(np.negative(xi), True)
+    return _left_jacobian(-checked_array("xi", xi, (6,)), True)
 
 
 def _left_jacobian(xi: ArrayLike, inverse: bool) -> Array:

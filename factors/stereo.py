@@ -190,6 +190,8 @@ def stereo_measurements(
 ) -> tuple[Array, gtsam.noiseModel.Base]:
     """Return many measurements (n, 3) and their noise, as `stereo_measurement` does."""
     if isinstance(measured, Sequence) and len(measured):
+        if len({isinstance(each, gtsam.StereoPoint2) for each in measured}) > 1:
+            raise ValueError("measured must not mix StereoPoint2 and arrays: their noise differs")
         pairs = [stereo_measurement(each, model) for each in measured]
         return np.array([each for each, _ in pairs]), pairs[0][1]
     return checked_numbers("measured", measured), model

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
+import pytest
 from graphs import CAMERA, NOISE, QC, durations, pose_between, random_states, seeds, state
 from gtsam.symbol_shorthand import L, V, X
 from hypothesis import example, given, settings
@@ -191,3 +192,23 @@ def test_gtsams_poses_are_as_good_as_matrices() -> None:
     np.testing.assert_array_equal(se3_log(poses), se3_log(np.stack([T_i, T_j])))
     ahead = extrapolate(poses[0], v_i, dt)
     np.testing.assert_array_equal(ahead.pose, extrapolate(T_i, v_i, dt).pose)
+
+
+def test_many_covariances_of_one_state_are_taken_one_by_one() -> None:
+    values = random_states(2, 0.1)
+    ends, one = (*state(values, 0), *state(values, 1)), np.eye(24)
+    joint = np.stack([one, 4 * one])
+    found = interpolate(*ends, 0.0, 0.1, 0.04, QC, joint)
+    ahead = extrapolate(*state(values, 1), 0.1, QC, joint[:, :12, :12])
+    for k in range(2):
+        single = interpolate(*ends, 0.0, 0.1, 0.04, QC, joint[k])
+        beyond = extrapolate(*state(values, 1), 0.1, QC, joint[k, :12, :12])
+        np.testing.assert_allclose(found.covariance[k], single.covariance, rtol=1e-12)
+        np.testing.assert_allclose(ahead.covariance[k], beyond.covariance, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["t_i", "t_j", "t"])
+def test_times_that_are_not_finite_are_named(name: str) -> None:
+    times = {"t_i": 0.0, "t_j": 0.1, "t": 0.05, name: np.inf}
+    with pytest.raises(ValueError, match=f"{name} must be finite"):
+        interpolate(np.eye(4), np.zeros(6), np.eye(4), np.zeros(6), **times)

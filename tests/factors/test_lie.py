@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -110,3 +112,9 @@ def test_batches_are_the_elements_one_by_one(xi: list[Array]) -> None:
 def test_bad_twists_are_named(bad: Array) -> None:
     with pytest.raises(ValueError, match="xi must"):
         se3_exp(bad)
+
+
+@pytest.mark.parametrize("jacobian", [se3_right_jacobian, se3_right_jacobian_inverse])
+def test_unsigned_twists_are_as_good(jacobian: Any) -> None:
+    xi = np.array([1, 0, 0, 2, 0, 0])
+    np.testing.assert_array_equal(jacobian(xi.astype(np.uint8)), jacobian(xi))

@@ -31,9 +31,10 @@ from factors import (
     prior_covariance,
     prior_square_root_information,
     to_dict,
+    wnoa_covariance,
 )
 from factors.kernels.jerk import local_motion_kernel, retract_motion_kernel, wnoj_kernel
-from factors.lie import se3_exp, se3_right_jacobian
+from factors.lie import se3_adjoint, se3_exp, se3_right_jacobian
 
 Array = NDArray[np.float64]
 
@@ -466,3 +467,14 @@ def test_derivative_helper_sees_all_variables() -> None:
     values.insert(X(0), np.zeros(4))
     found = derivative(lambda v: v.atVector(X(0)) * 2, values, X(0), 1e-3)
     np.testing.assert_allclose(found, 2 * np.eye(4), atol=1e-12)
+
+
+def test_a_density_seen_from_another_frame_is_as_good() -> None:
+    """A D Aᵀ is symmetric but for rounding."""
+    A = se3_adjoint(se3_exp(np.array([0.3, -0.8, 0.5, 1.0, 2.0, -0.5])))
+    qc = A @ np.diag([0.1, 0.1, 0.1, 0.5, 0.5, 0.5]) @ A.T
+    qc[0, 3] += 1e-16
+    assert (qc != qc.T).any()
+    covariance = wnoa_covariance(0.1, qc)
+    np.testing.assert_array_equal(covariance, covariance.T)
+    assert WnoaPriorFactor(X(0), V(0), X(1), V(1), 0.1, qc).dim() == 12

@@ -480,3 +480,10 @@ def test_a_body_has_no_prior_of_its_camera() -> None:
     _, data = scene(0)
     with pytest.raises(ValueError, match="T_body_cam"):
         StructurelessStereoFactor(*data, NOISE, STATES, CAMERA, QC, T_body_cam=MOUNTED)
+
+
+def test_measurements_of_two_kinds_are_refused() -> None:
+    points = [np.array([180.0, 120.0, 6.0]), gtsam.StereoPoint2(180.0, 174.0, 120.0)]
+    states = [(X(k), V(k), 0.1 * k) for k in range(2)]
+    with pytest.raises(ValueError, match="measured must not mix StereoPoint2 and arrays"):
+        StructurelessStereoFactor(points, [0.01, 0.02], 0, NOISE, states, CAMERA)
