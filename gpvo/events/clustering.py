@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.config import ClusteringConfig
+from gpvo.errors import InputError
+from gpvo.events.batch_checks import checked_batch
 from gpvo.events.cluster_length import ClusterLength, ImageMotion
 from gpvo.events.clusters import ClusterEvents, StereoCluster
 from gpvo.events.flashes import FlashDetector
@@ -51,7 +53,7 @@ class Clustering:
         image_motion: Callable[[], ImageMotion] = ImageMotion,
         at_rest: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._image_motion, self._at_rest = image_motion, at_rest
+        self._image_motion, self._at_rest, self._rig = image_motion, at_rest, rig
         self._skip_flashes = config.skip_flashes
         self._length, self._flashes, self._flash = ClusterLength(config, rig), FlashDetector(), 0.0
         self._hurry = 1.0
@@ -66,7 +68,13 @@ class Clustering:
 
         Both cameras' events are filtered at once if they are many: a thread costs time too. Those
         of time that is left out because time is short are not looked at.
+
+        Raises
+        ------
+        InputError
+            If it is no batch of this rig; see `checked_batch`.
         """
+        checked_batch(batch, self._rig)
         begin = self.wanted_from
         left, right = (
             partial(side.without_noise, events, begin)
@@ -82,7 +90,17 @@ class Clustering:
 
         Each is to be processed before the next one is taken. A batch that starts later than the
         one before stopped follows time without data, which is in no cluster.
+
+        Raises
+        ------
+        InputError
+            If it starts before the one before stopped.
         """
+        if batch.start < self._end - TICK:
+            raise InputError(
+                f"batch: starts at {batch.start} s, before the one before it stopped, at"
+                f" {self._end} s; push batches in order of time, or begin a new odometry"
+            )
         if batch.start > self._end + TICK:
             yield from self.end()
             self._start, self._stopped = max(self._start, batch.start), batch.start
