@@ -30,7 +30,7 @@ class NoiseLevel:
     """Judges consecutive clusters that hold almost no events, or the first ones of a stream."""
 
     def __init__(self) -> None:
-        self._counts: deque[NDArray[np.float64]] = deque(maxlen=REMEMBERED)
+        self._counts: deque[list[NDArray[np.float64]]] = deque(maxlen=REMEMBERED)
 
     def clear(self) -> None:
         """Begin again."""
@@ -48,16 +48,22 @@ class NoiseLevel:
 
     def _variation(self, cluster: StereoCluster) -> float | None:
         """Return the mean squared coefficient of variation of both cameras' rates, if known."""
-        self._counts.appendleft(np.stack([block_counts(cluster.left), block_counts(cluster.right)]))
-        count = np.zeros_like(self._counts[0])
-        if count.size == 0:  # an image smaller than a block
+        self._counts.appendleft([block_counts(side) for side in (cluster.left, cluster.right)])
+        totals = [np.zeros_like(count) for count in self._counts[0]]
+        if not all(map(len, totals)):  # an image smaller than a block
             return None
         for latest in self._counts:
-            count += latest
-            mean = count.mean(axis=1)
-            if (mean >= LEAST).all():
-                return float(np.mean((count.var(axis=1) - mean) / mean**2))
+            for total, count in zip(totals, latest, strict=True):
+                total += count
+            if all(total.mean() >= LEAST for total in totals):
+                return float(np.mean([squared_variation(total) for total in totals]))
         return None
+
+
+def squared_variation(counts: NDArray[np.float64]) -> float:
+    """Compute the squared coefficient of variation of the rates of blocks with these counts."""
+    mean = counts.mean()
+    return float((counts.var() - mean) / mean**2)
 
 
 def block_counts(events: ClusterEvents) -> NDArray[np.float64]:

@@ -78,3 +78,12 @@ def test_motion_after_rest_has_clusters_as_before() -> None:
     for events in [20_000] * 10 + [300] * 40:
         length.add(events, events, 0.1)
     assert length.limits(ImageMotion(50.0))[1] == 40_000
+
+
+def test_the_cameras_may_have_other_sizes() -> None:
+    level, rng = NoiseLevel(), np.random.default_rng(0)
+    y, x = (index.astype(np.uint16) for index in np.nonzero(rng.random((240, 320)) < 0.1))
+    events = Events(x, y, np.full(len(x), 0.05), np.ones(len(x), bool))
+    larger = ClusterEvents((events,), np.zeros((240, 320, 2), np.float32), (320, 240))
+    assert level.is_noise(StereoCluster(0.0, 0.1, larger, noise(1.0, rng).right))
+    assert not level.is_noise(StereoCluster(0.0, 0.1, larger, contours(0.5, rng).right))
