@@ -162,8 +162,8 @@ class SlidingWindow:
         return MotionEstimate(
             float(self._states.t[-1]),
             se3_inverse(first.T_world_cam[0]) @ self._states.T_world_cam[-1],
-            self._states.twist[-1],
-            knots.joint[-1, 12:, 12:],
+            self._states.twist[-1].copy(),
+            knots.joint[-1, 12:, 12:].copy(),
             np.array(self._build.noise.acceleration_psd),
         )
 

@@ -7,7 +7,7 @@ import numpy as np
 from gtsam.symbol_shorthand import V, X
 from numpy.typing import NDArray
 
-from factors.checks import checked_key, key_name
+from factors.checks import checked_key, checked_number, key_name
 from factors.inner_factor import InnerFactor
 from factors.lie import se3_inverse
 from factors.stereo import Camera, as_camera
@@ -98,8 +98,9 @@ class FixedLagSmoother:
         Raises
         ------
         ValueError
-            If a column of the measurements has another type or length.
+            If the end is not finite, or a column of the measurements has another type or length.
         """
+        end_time = checked_number("end_time", end_time)
         usable, diagnostics = split_usable(measurements, self._window.keys.t, end_time)
         self.diagnostics += diagnostics
         with one_blas_thread():
@@ -250,8 +251,8 @@ class FixedLagSmoother:
         covariance[:6, :6] += self._segments.pose_covariance(T[None])[0]
         return MotionEstimate(
             float(keys.t[-1]),
-            T if self._has_world else se3_inverse(first.T_world_cam[0]) @ T,
-            keys.twist[-1],
+            T.copy() if self._has_world else se3_inverse(first.T_world_cam[0]) @ T,
+            keys.twist[-1].copy(),
             covariance,
             np.array(self._build.noise.acceleration_psd),
             self._window.motion.latest_acceleration,

@@ -7,8 +7,6 @@ from contextlib import AbstractContextManager, nullcontext
 from threading import Lock
 from typing import Any
 
-import numpy as np
-
 from gpvo.cluster_report import ClusterReport
 from gpvo.config import Configuration
 from gpvo.errors import InputError
@@ -19,6 +17,9 @@ from gpvo.odometry import Odometry
 from gpvo.recordings import StereoEvents, StereoRig
 from gpvo.recordings.streams import EventBlock
 from gpvo.trajectory import MotionEstimate, Trajectory
+
+LONGEST = 1e6
+"""Seconds: no camera is late by more."""
 
 
 class LiveOdometry:
@@ -59,7 +60,7 @@ class LiveOdometry:
     Raises
     ------
     InputError
-        If the offset is not finite.
+        If the offset or the patience is not a time, or too long.
     """
 
     def __init__(
@@ -71,8 +72,12 @@ class LiveOdometry:
         stage: Callable[[str], AbstractContextManager[Any]] = nullcontext,
         right_offset: float = 0.0,
     ) -> None:
-        if not np.isfinite(right_offset):
-            raise InputError(f"right_offset: {right_offset} must be a number of seconds")
+        if not abs(right_offset) <= LONGEST:
+            raise InputError(
+                f"right_offset: {right_offset} must be a number of seconds, at most {LONGEST:g}"
+            )
+        if not 0 <= patience <= LONGEST:
+            raise InputError(f"patience: {patience} must be seconds from 0 to {LONGEST:g}")
         self.right_offset = right_offset
         self._latest: MotionEstimate | None = None
         self._lock = Lock()
@@ -119,6 +124,8 @@ class LiveOdometry:
 
     def push_checked(self, left: EventBlock, right: EventBlock) -> list[ClusterReport]:
         """Take the next events of each camera, which are on the sensor and in order of time.
+
+        The arrays become the odometry's: they must not be changed any more.
 
         Returns the reports of the clusters that were estimated since the call before.
 

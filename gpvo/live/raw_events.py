@@ -44,7 +44,8 @@ def checked_events(events: RawEvents, side: str, camera: Camera, before_ns: int)
     if len(x) == 0:
         return EventBlock.empty()
     if _are_of_a_block(columns) and is_faultless(x, y, t, camera, before_ns // 1000):
-        return EventBlock(x, y, _nanoseconds(t, f"{side} t"), polarity)
+        # Copies: a driver may fill the same arrays again.
+        return EventBlock(x.copy(), y.copy(), _nanoseconds(t, f"{side} t"), polarity.copy())
     for name, column in zip(("x", "y", "t"), columns, strict=False):
         _check_whole(column, f"{side} {name}")
     for name, column, size in zip("xy", (x, y), camera.resolution, strict=True):
@@ -122,7 +123,7 @@ def _check_order(t_ns: NDArray[np.int64], before_ns: int, name: str) -> None:
 
 def _checked_polarity(polarity: NDArray[Any], name: str) -> NDArray[np.bool_]:
     if polarity.dtype.kind == "b":
-        return np.asarray(polarity, np.bool_)
+        return np.array(polarity, np.bool_)
     if polarity.dtype.kind not in "iu" or not np.isin(polarity, (-1, 0, 1)).all():
         raise InputError(f"{name}: must be bool, or 1 and 0 or -1")
     return np.asarray(polarity == 1)

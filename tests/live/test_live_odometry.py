@@ -310,3 +310,30 @@ def test_the_example_shows_the_pose_while_events_come(capsys: pytest.CaptureFixt
     first = next(report.stop for report in names["live"].reports if report.measurements)
     assert first < 0.35 and t[0] < first + 0.15 and t[-1] > 0.65
     assert (np.diff(t) >= 0).all() and np.diff(t).max() < 0.25
+
+
+def test_arrays_that_are_pushed_and_estimates_that_are_returned_may_be_changed() -> None:
+    """A driver fills the same buffers again, and a robot turns metres to millimetres in place."""
+    kinds = np.uint16, np.uint16, np.int64, bool
+    buffers = [[np.empty(len(room().left), kind) for kind in kinds] for _ in range(2)]
+    live = LiveOdometry(room().rig, CONFIG)
+    for start in np.arange(0.0, 0.6, 0.01):
+        pair = []
+        for side, arrays in zip((room().left, room().right), buffers, strict=True):
+            columns = raw(side.between(start, start + 0.01))
+            pair.append(tuple(array[: len(columns[2])] for array in arrays))  # type: ignore[arg-type]
+            for array, column in zip(pair[-1], columns, strict=True):
+                array[:] = column
+        live.push(*pair)  # type: ignore[arg-type]
+        if (now := live.latest()) is not None:
+            now.twist[3:] *= 1000
+            now.T_world_cam[:3, 3] *= 1000
+    found = live.close()
+    assert found is not None
+    np.testing.assert_array_equal(found.T_world_cam, whole()[0].T_world_cam)
+
+
+@pytest.mark.parametrize("patience", [-1.0, np.nan, 1e12])
+def test_a_patience_that_is_no_time_is_refused(patience: float) -> None:
+    with pytest.raises(InputError, match="patience"):
+        LiveOdometry(room().rig, CONFIG, patience=patience)
