@@ -75,7 +75,10 @@ def checked_measurements(measurements: Measurements) -> Measurements:
     one, three = (count,), (count, 3)
     shapes = {"landmark": one, "frame": one, "t": one, "stereo": three, "deviations": three}
     for name, shape in shapes.items():
-        found = np.shape(getattr(measurements, name))
+        column = getattr(measurements, name)
+        if not isinstance(column, np.ndarray):
+            raise ValueError(f"measurements.{name} must be an array, not {type(column).__name__}")
+        found = column.shape
         if found != shape:
             raise ValueError(f"measurements.{name} must have the shape {shape}, not {found}")
     return measurements

@@ -114,9 +114,12 @@ class Trajectory:
 
         The pose is perturbed on the right, rotation first, relative to the first pose. Between
         knots the Gaussian process interpolates, given the joint covariance of both. Velocities amid
-        others are more certain, as `velocity_share` says.
+        others are more certain, as `velocity_share` says. A single state has none: its covariance
+        is that of the estimator's `latest`.
         """
         times = self._checked(t, extrapolation)
+        if len(self.knots) < 2:
+            raise InputError("covariance: a trajectory of one state has none; see `latest`")
         flat = times.ravel()
         knot_t = self.t[self.knots]
         inside = np.clip(flat, knot_t[0], knot_t[-1])

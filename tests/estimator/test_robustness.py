@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -341,3 +343,14 @@ def test_one_absurd_measurement_hardly_matters_to_a_robust_loss(
     clusters[3][1].stereo[0] = value
     trajectory, _ = run(clusters, loss=loss)
     assert np.abs(trajectory.velocity(trajectory.t) - TWIST).max() < 0.1
+
+
+@pytest.mark.parametrize("end_time", [np.nan, np.inf, None, "0.1"])
+def test_an_end_that_is_no_time_is_refused_by_name(end_time: Any) -> None:
+    with pytest.raises(ValueError, match="end_time must be"):
+        FixedLagSmoother(CAMERA).update(end_time, NOTHING)
+
+
+def test_lists_are_no_columns() -> None:
+    with pytest.raises(ValueError, match=r"measurements\.t must be an array, not list"):
+        FixedLagSmoother(CAMERA).update(0.1, replace(NOTHING, t=[]))  # type: ignore[arg-type]

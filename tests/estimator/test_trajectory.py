@@ -130,3 +130,18 @@ def test_tum_has_the_absolute_stamps_and_nine_decimals(
     assert all(len(field.partition(".")[2]) == 9 for field in fields)
     stamped.export_tum(tmp_path / "states.tum")
     assert len(read_tum(tmp_path / "states.tum")) == len(trajectory)
+
+
+def test_a_single_state_has_no_covariance() -> None:
+    one = Trajectory(
+        0,
+        np.zeros(1),
+        np.eye(4)[None],
+        np.zeros((1, 6)),
+        np.ones(6),
+        np.empty(0, np.int64),
+        np.empty((0, 24, 24)),
+    )
+    np.testing.assert_array_equal(one.pose(0.0), np.eye(4))
+    with pytest.raises(InputError, match="covariance: a trajectory of one state has none"):
+        one.covariance(0.0)
