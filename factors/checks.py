@@ -155,19 +155,32 @@ def checked_positive_definite(name: str, given: ArrayLike, n: int) -> Array:
     return np.diag(array) if array.ndim == 1 else 0.5 * (array + array.T)
 
 
+def checked_covariance(name: str, given: ArrayLike, n: int) -> Array:
+    """Return a covariance (n, n): finite, symmetric, and positive semidefinite but for rounding."""
+    matrix = checked_array(name, given, (n, n))
+    if matrix.ndim != 2 or not _is_symmetric(matrix, 1e-6) or not _is_semidefinite(matrix):
+        raise ValueError(f"{name} must be a covariance ({n}, {n}): positive semidefinite")
+    return matrix
+
+
 def _is_positive_definite(matrix: Array) -> bool:
     """Tell whether a matrix (n, n), or a diagonal (n,), is symmetric and positive definite.
 
     Symmetric but for rounding, next to the diagonal: that of A D Aᵀ, say.
     """
-    variances = matrix if matrix.ndim == 1 else np.diag(matrix)
-    if not variances.min() > 0:
-        return False
     if matrix.ndim == 1:
-        return True
-    rounding = 1e-12 * np.sqrt(np.outer(variances, variances))
-    symmetric = (np.abs(matrix - matrix.T) <= rounding).all()
-    return bool(symmetric and np.linalg.eigvalsh(matrix)[0] > 0)
+        return bool(matrix.min() > 0)
+    return _is_symmetric(matrix, 1e-12) and bool(np.linalg.eigvalsh(matrix)[0] > 0)
+
+
+def _is_symmetric(matrix: Array, rounding: float) -> bool:
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    return bool((np.abs(matrix - matrix.T) <= rounding * np.outer(scale, scale)).all())
+
+
+def _is_semidefinite(matrix: Array) -> bool:
+    eigenvalues = np.linalg.eigvalsh(matrix)
+    return bool(eigenvalues[0] >= -1e-8 * abs(eigenvalues[-1]))
 
 
 def checked_noise(model: object, dimension: int) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from factors.checks import (
-    checked_array,
+    checked_covariance,
     checked_duration,
     checked_key,
     checked_number,
@@ -125,10 +125,15 @@ class MotionPrior(Factor):
 
         `joint_covariance` (2 order n, 2 order n) is that of both states. See `factors.interpolate`
         for how exact it is.
+
+        Raises
+        ------
+        ValueError
+            If that is no covariance.
         """
         state = self.interpolate(values, t)
         size = 2 * self._prior.size
-        joint = checked_array("joint_covariance", joint_covariance, (size, size))
+        joint = checked_covariance("joint_covariance", joint_covariance, size)
         return self._prior.covariance(values, state, float(t), joint)
 
 

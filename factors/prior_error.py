@@ -195,7 +195,7 @@ class PriorError:
         size, space = self.size, self._space
         if t == 0 or t == self._dt:
             own = slice(0, size) if t == 0 else slice(size, None)
-            return joint[own, own]
+            return joint[own, own].copy()
         i, j = self._read(values)
         middle = list(between)
         if space is not None:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.structureless.bridge import Bridge
 from factors.structureless.joint_system import JointSystem
@@ -57,7 +58,7 @@ class StatesBetween:
         """(m,) increasing times of measurements, each once."""
         return np.unique(self.measured)
 
-    def states(self, t: Array | None = None) -> tuple[Array, Array]:
+    def states(self, t: ArrayLike | None = None) -> tuple[Array, Array]:
         """Poses (n, 4, 4) and twists (n, 6) at times (n,) within the states, by default at `t`.
 
         Raises
@@ -65,7 +66,7 @@ class StatesBetween:
         ValueError
             If a time lies outside.
         """
-        t = self.t if t is None else t
+        t = self.t if t is None else checked_array("t", t, ()).ravel()
         T, v = np.empty((len(t), 4, 4)), np.empty((len(t), 6))
         first, deviation = self._interval(t), np.empty((len(t), 12))
         for i in np.unique(first):

@@ -478,3 +478,13 @@ def test_a_density_seen_from_another_frame_is_as_good() -> None:
     covariance = wnoa_covariance(0.1, qc)
     np.testing.assert_array_equal(covariance, covariance.T)
     assert WnoaPriorFactor(X(0), V(0), X(1), V(1), 0.1, qc).dim() == 12
+
+
+@pytest.mark.parametrize("wrong", [-np.eye(24), np.eye(24) + np.diag(np.ones(23), 1)])
+def test_what_is_no_covariance_is_refused(wrong: Array) -> None:
+    factor, values = WnoaPriorFactor(X(0), V(0), X(1), V(1), 0.1, np.ones(6)), gtsam.Values()
+    for k in range(2):
+        values.insert(X(k), gtsam.Pose3())
+        values.insert(V(k), np.zeros(6))
+    with pytest.raises(ValueError, match="joint_covariance must be a covariance"):
+        factor.covariance(values, 0.05, wrong)
