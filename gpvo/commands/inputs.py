@@ -5,14 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import typer
 from rich.console import Console
 
 from gpvo.config import Configuration, load_configuration
 from gpvo.errors import InputError
+from gpvo.evaluation.metrics.association import interval_text
 from gpvo.evaluation.poses.load import load_poses
 from gpvo.recordings import Recording
 from gpvo.trajectory import StampedPoses
+from gpvo.trajectory.stamped_poses import seconds_text
 
 console = Console()
 """Console that the commands print to."""
@@ -45,16 +48,23 @@ def configured(config: Path | None, seed: int | None) -> Configuration:
 
 
 def load_ground_truth(
-    path: Path, recording: Recording, calibration: Path | None = None
+    path: Path,
+    recording: Recording,
+    calibration: Path | None = None,
+    start: float = 0.0,
+    duration: float = np.inf,
 ) -> StampedPoses:
-    """Read the ground truth; InputError if it has no time in common with the recording."""
+    """Read the ground truth of a part of a recording; InputError if they share no time."""
     beside = [place for place in (calibration, recording.path) if place is not None]
     poses = load_poses(path, recording.rig, beside)
-    end_ns = recording.stamp_ns(recording.duration)
-    if poses.stamps_ns[-1] <= recording.start_ns or poses.stamps_ns[0] >= end_ns:
+    stop = min(start + duration, recording.duration)
+    start_ns, stop_ns = recording.stamp_ns(start), recording.stamp_ns(stop)
+    if poses.stamps_ns[-1] <= start_ns or poses.stamps_ns[0] >= stop_ns:
+        part = f"{seconds_text(start_ns)} to {seconds_text(stop_ns)} s"
         raise InputError(
-            f"{path}: its stamps, from {poses.stamps_ns[0] * 1e-9:.3f} s, have no time in common"
-            f" with {recording.path}, from {recording.start_ns * 1e-9:.3f} s"
+            f"{path}: its poses, from {interval_text(poses)}, have no time in common with what is"
+            f" read of {recording.path}, from {part}; check that both use the same clock, or"
+            " choose another part by --start and --duration"
         )
     return poses
 

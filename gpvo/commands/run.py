@@ -139,16 +139,16 @@ def _run(
     calibration = files.get("calibration")
     opened = open_recording(path, calibration, request.left_topic, request.right_topic)
     opened = with_right_offset(opened, request.right_offset)
-    truth = files.get("ground_truth")
-    poses = load_ground_truth(truth, opened, calibration) if truth else None
     duration = np.inf if request.duration is None else request.duration
     check_start(opened, request.start)
+    truth, span = files.get("ground_truth"), (request.start, duration)
+    poses = load_ground_truth(truth, opened, calibration, *span) if truth else None
     folder = claim_folder(folder, FILES)
     with writing(folder):
         write_provenance(folder, request, configuration)
-    span = request.start, duration
+    how = console, *span, watch, plots, str(truth)
     try:
-        return run_and_write(opened, configuration, folder, poses, console, *span, watch, plots)
+        return run_and_write(opened, configuration, folder, poses, *how)
     except InputError:
         (folder / FILE).unlink(missing_ok=True)
         raise

@@ -20,6 +20,7 @@ from gpvo.commands.seen import Seen
 from gpvo.commands.watch import Watch
 from gpvo.config import Configuration
 from gpvo.errors import InputError
+from gpvo.evaluation import Evaluation
 from gpvo.evaluation.report.compilation import CompilationTimer
 from gpvo.evaluation.report.machine import machine_text
 from gpvo.evaluation.report.paper_tables import evaluation_tables
@@ -48,10 +49,11 @@ def run_and_write(
     duration: float = np.inf,
     watch: Watch = NO_WATCH,
     plots: str = "png",
+    truth_name: str = "ground truth",
 ) -> Verdict:
     """Estimate the motion from `start` for `duration` seconds and write to a claimed folder.
 
-    Returns the verdict on the run.
+    `truth_name` is for messages. Returns the verdict on the run.
 
     Raises
     ------
@@ -80,9 +82,8 @@ def run_and_write(
             odometry = Odometry(recording.rig, configuration, meter.stage, watcher=watcher)
             trajectory = odometry.run(recording, start, duration, lambda: interruption.happened)
         read = recording.faults.to_dict()
-        judged = write_results(
-            folder, odometry, trajectory, truth, meter, seen, console, plots, read
-        )
+        found = odometry, trajectory, truth, meter, seen
+        judged = write_results(folder, *found, console, plots, read, truth_name)
     if interruption.happened:
         raise typer.Exit(interruption.status)
     return judged
@@ -115,6 +116,7 @@ def write_results(
     console: Console,
     plots: str = "png",
     read: Mapping[str, Any] | None = None,
+    truth_name: str = "ground truth",
 ) -> Verdict:
     """Write a result folder, and print what was found; return the verdict.
 
@@ -124,7 +126,7 @@ def write_results(
     save_trajectory(trajectory, folder)
     events = sum(report.events for report in reports)
     cost = meter.total(reports[-1].stop - reports[0].start, events)
-    evaluation = evaluate_trajectory(trajectory, truth) if truth else None
+    evaluation = _evaluation(trajectory, truth, truth_name, console) if truth else None
     diagnostics = odometry.estimator.diagnostics
     judged = verdict(reports, odometry.faults, trajectory)
     configuration, streams = odometry.configuration, {**odometry.stream_numbers, "read": read or {}}
@@ -142,3 +144,15 @@ def write_results(
     console.print(f"map: {len(landmarks)} landmarks")
     console.print(f"results: {folder}")
     return judged
+
+
+def _evaluation(
+    trajectory: Trajectory, truth: StampedPoses, name: str, console: Console
+) -> Evaluation | None:
+    """Compare with the truth; a run keeps its results where that is not possible, and says so."""
+    try:
+        return evaluate_trajectory(trajectory, truth)
+    except InputError as error:
+        warning = f"{name}: the errors are left out: {error}"
+        console.print(warning, style="yellow", markup=False, highlight=False, soft_wrap=True)
+        return None

@@ -234,6 +234,26 @@ def test_without_ground_truth_there_is_a_trajectory_and_no_error(
     assert not (tmp_path / "error.png").exists()
 
 
+def later_truth(recording: RecordingFiles, path: Path, begin: float) -> Path:
+    """Write true poses, at rest, of a minute that begins so many seconds after the recording."""
+    start_ns = open_recording(recording.data, recording.calibration).start_ns
+    stamps = (start_ns * 1e-9 + begin + second for second in (0, 30, 60))
+    path.write_text("".join(f"{stamp:.6f} 0 0 0 0 0 0 1\n" for stamp in stamps))
+    return path
+
+
+def test_a_run_keeps_its_results_where_the_truth_cannot_be_compared(
+    recording: RecordingFiles, gpvo: Callable, tmp_path: Path
+) -> None:
+    truth = later_truth(recording, tmp_path / "late[1].tum", 0.2999)
+    files = replace(recording, ground_truth=truth)
+    code, out, _ = gpvo(*files.arguments(tmp_path / "out"), "--duration", "0.3")
+    assert code == 0 and out.count("late[1].tum: the errors are left out: nothing to compare") == 1
+    assert json.loads((tmp_path / "out" / "metrics.json").read_text())["errors"] is None
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {*FILES, "cost.json", "run.json"} - written == {"error.png"}
+
+
 def test_mostly_dead_reckoning_is_said_and_is_exit_status_3(
     gpvo: Callable, recording: RecordingFiles, result: Path, tmp_path: Path
 ) -> None:
@@ -385,6 +405,14 @@ class TestBadInput:
         path = tmp_path / "other.tum"
         path.write_text("5 0 0 0 0 0 0 1\n6 0 0 0 0 0 0 1\n")
         fails("other.tum", ground_truth=path)
+
+    @pytest.mark.parametrize("span", [("--duration", "0.3"), ("--start", "0.2")])
+    def test_ground_truth_of_another_part(
+        self, recording: RecordingFiles, fails: Callable, tmp_path: Path, span: tuple[str, str]
+    ) -> None:
+        begin = 0.4 if span[0] == "--duration" else -59.9
+        truth = later_truth(recording, tmp_path / "part.tum", begin)
+        fails("part.tum: its poses, from ", *span, ground_truth=truth)
 
     @pytest.mark.parametrize(
         ("text", "field"),
