@@ -36,8 +36,12 @@ Calibration = Annotated[
     typer.Option(help="kalibr, DSEC, basalt, CameraInfo, M3ED; default: in or beside RECORDING."),
 ]
 Config = Annotated[Path | None, typer.Option(help="YAML, see `gpvo config`; default: preset auto.")]
-LeftTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the left camera.")]
-RightTopic = Annotated[str | None, typer.Option(help="Topic, stream or file of the right camera.")]
+LeftTopic = Annotated[
+    str | None, typer.Option(help="Topic, stream, dataset or file of the left camera.")
+]
+RightTopic = Annotated[
+    str | None, typer.Option(help="Topic, stream, dataset or file of the right camera.")
+]
 GroundTruth = Annotated[Path | None, typer.Option(help="True poses: MVSEC HDF5, TUM, KITTI, bag.")]
 
 

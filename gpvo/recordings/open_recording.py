@@ -19,7 +19,7 @@ from gpvo.recordings.checks.sensor_size import check_sensor_size
 from gpvo.recordings.checks.time_unit import check_time_unit
 from gpvo.recordings.files.aedat4 import is_aedat4, open_aedat4
 from gpvo.recordings.files.hdf5_columns import M3ED, ColumnStream
-from gpvo.recordings.files.mvsec import MvsecRecording, is_mvsec
+from gpvo.recordings.files.mvsec import TABLES, MvsecRecording, is_mvsec
 from gpvo.recordings.files.text_names import REMEDY
 from gpvo.recordings.hdf5 import has_dataset
 from gpvo.recordings.pairing import NO_CAMERA, choose_pair
@@ -40,7 +40,14 @@ class Format(NamedTuple):
 def _open_mvsec(
     path: Path, calibration: Calibration, left: str | None, right: str | None
 ) -> Recording:
-    return MvsecRecording(path, calibration, one_camera=right == NO_CAMERA)
+    if left is None and right is None:
+        return MvsecRecording(path, calibration)
+    names = [name for name in TABLES.values() if has_dataset(path, name)]
+    first, second = choose_pair(path, names, left, right, "dataset")
+    if second is None:
+        alone = {side: name for side, name in TABLES.items() if name == first}
+        return MvsecRecording(path, calibration, alone)
+    return MvsecRecording(path, calibration, {"left": first, "right": second})
 
 
 def _open_m3ed(

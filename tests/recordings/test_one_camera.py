@@ -110,6 +110,24 @@ def test_one_of_two_cameras(tmp_path: Path) -> None:
         invoke("info", path, "--right-topic", "none")
 
 
+def test_topics_choose_tables_of_mvsec(tmp_path: Path, calibration: Path) -> None:
+    with h5py.File(mono_mvsec(tmp_path / "a_data.hdf5", "left"), "a") as file:
+        file["davis/right/events"] = file["davis/left/events"][:1500]
+    left, right = "davis/left/events", "davis/right/events"
+    path = tmp_path / "a_data.hdf5"
+    for topics, counts in (((left, None), [5000, 1500]), ((None, left), [1500, 5000])):
+        opened = read_recording(open_recording(path, calibration, *topics))
+        assert [len(side) for side in opened] == counts
+    for name, count in ((left, "5,000"), (right, "1,500")):
+        topics = ["--left-topic", name, "--right-topic", "none"]
+        output = invoke("info", path, "--calibration", calibration, *topics)
+        assert output.count(count) == 1 and "holds one camera" in output
+    with pytest.raises(InputError, match=f"has no dataset davis; it has {left}, {right}"):
+        open_recording(path, calibration, "davis")
+    with pytest.raises(InputError, match="which dataset is the camera"):
+        invoke("info", path, "--right-topic", "none")
+
+
 def test_one_of_both_cameras_of_m3ed(tmp_path: Path, calibration: Path) -> None:
     path = mono_m3ed(mono_m3ed(tmp_path / "a.h5", "left"), "right", OTHER)
     for side, count in (("left", "5,000"), ("right", "1,500")):

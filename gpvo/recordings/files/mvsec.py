@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -27,6 +27,8 @@ from gpvo.recordings.pairing import OneCameraError
 from gpvo.recordings.reading_faults import ReadingFaults
 from gpvo.recordings.streams import Faults
 
+TABLES = {side: f"davis/{side}/events" for side in SIDES}
+"""Names of the cameras' tables."""
 TIME = 2
 DISORDER = DISORDER_NS * 1e-9
 """Events that are late by less than this are sorted, seconds."""
@@ -54,8 +56,8 @@ class MvsecRecording(Recording):
         polarity in {-1, 1} or {0, 1}.
     calibration
         File of the stereo calibration, usually a kalibr camchain; None for the only one beside it.
-    one_camera
-        Whether to read only one of them: the left one, or the one that is there.
+    tables
+        Names of both cameras' tables, or of one.
     batch_length
         Seconds.
 
@@ -74,20 +76,17 @@ class MvsecRecording(Recording):
         self,
         path: Path,
         calibration: Calibration,
-        one_camera: bool = False,
+        tables: Mapping[str, str] = TABLES,
         batch_length: float = 0.1,
     ) -> None:
         self.path = path
         self.rig = rig_for(path, calibration, "MVSEC's HDF5")
         self.batch_length = batch_length
-        self.faults = ReadingFaults({side: f"{path}: davis/{side}/events" for side in SIDES})
+        self._tables, self.sides = tables, tuple(tables)
+        self.faults = ReadingFaults({side: f"{path}: {name}" for side, name in tables.items()})
         with open_hdf5(path) as file:
-            if one_camera:
-                self.sides = ("right",) if not holds(file, "davis/left/events") else ("left",)
             spans = [self._table(file, side).span() for side in self.sides]
-        columns.check_common_time(
-            spans[0], spans[-1], path, "davis/left/events and davis/right/events"
-        )
+        columns.check_common_time(spans[0], spans[-1], path, " and ".join(tables.values()))
         self._start = min(first for first, _ in spans)
         self.start_ns = round(self._start * 1e9)
         self.duration = max(last for _, last in spans) - self._start
@@ -109,7 +108,7 @@ class MvsecRecording(Recording):
 
     def _table(self, file: h5py.File, side: str) -> _EventTable:
         camera = self.rig.left if side == "left" else self.rig.right
-        return _EventTable.open(file, f"davis/{side}/events", camera.resolution)
+        return _EventTable.open(file, self._tables[side], camera.resolution)
 
 
 @dataclass(frozen=True)
