@@ -12,6 +12,7 @@ from rich.console import Console
 
 from gpvo.commands.inputs import Calibration, GroundTruth, Output, console
 from gpvo.commands.map_error import map_error
+from gpvo.commands.result import writing
 from gpvo.errors import InputError
 from gpvo.evaluation.comparison import Comparison, compare
 from gpvo.evaluation.poses.find import SequenceSources, find_sources
@@ -92,6 +93,8 @@ def evaluate_command(
     ------
     InputError
         If a file is missing or cannot be used, or the folder cannot be made.
+    OutputError
+        If the report cannot be written.
     """
     console = console or Console()
     if output is not None:
@@ -105,7 +108,8 @@ def evaluate_command(
     if output is not None:
         from gpvo.evaluation.report.report import write_report  # matplotlib is slow to import
 
-        write_report(output, comparisons)
+        with writing(output):
+            write_report(output, comparisons)
         console.print(f"report: {output / 'report.html'}")
     return comparisons
 

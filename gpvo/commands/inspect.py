@@ -24,6 +24,7 @@ from gpvo.commands.inputs import (
     console,
     load_ground_truth,
 )
+from gpvo.commands.result import writing
 from gpvo.config import Configuration, configuration_text, load_fields
 from gpvo.errors import InputError
 from gpvo.evaluation.front_end.inspect import inspect
@@ -107,7 +108,8 @@ def inspect_command(
             lambda cluster: status.update(f"inspecting the front end: {cluster.stop:.2f} s"),
         )
     summary = summarize(clusters)
-    write_inspection(folder, clusters, summary, recording.rig.resolution[0])
-    (folder / "config.yaml").write_text(configuration_text(configuration))
+    with writing(folder):
+        write_inspection(folder, clusters, summary, recording.rig.resolution[0])
+        (folder / "config.yaml").write_text(configuration_text(configuration))
     console.print(inspection_table(summary))
     console.print(f"results: {folder}")

@@ -1,5 +1,6 @@
 """`gpvo eval`: the files that it finds, its output and its report."""
 
+import errno
 import json
 import re
 from io import StringIO
@@ -12,7 +13,7 @@ from typer.testing import CliRunner
 from factors.lie import se3_exp
 from gpvo.commands.cli import app
 from gpvo.commands.evaluate import evaluate_command, parse_competitor
-from gpvo.errors import InputError
+from gpvo.errors import InputError, OutputError
 from gpvo.evaluation.comparison import compare
 from gpvo.evaluation.metrics.gp_interpolation import most_probable_velocities
 from gpvo.evaluation.poses.continuous import ContinuousPoses
@@ -96,6 +97,15 @@ def test_the_report_is_whole_and_reproducible(sequence):
 def test_a_report_where_none_can_be_is_refused_at_once(sequence):
     with pytest.raises(InputError, match=r"truth\.txt: cannot be written to"):
         run(sequence / "results", sequence / "truth.txt", output=sequence / "truth.txt")
+
+
+def test_a_full_disk_is_one_line(sequence, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("gpvo.evaluation.report.report.write_report", full)
+    with pytest.raises(OutputError, match=r"report: cannot be written \(No space left on device"):
+        run(sequence / "results", sequence / "truth.txt", output=sequence / "report")
 
 
 def test_a_fixed_step_overrides_the_states(sequence):

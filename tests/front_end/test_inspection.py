@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rich.console import Console
 from typer.testing import CliRunner
 
 from factors.lie import se3_exp
@@ -17,7 +19,7 @@ from gpvo.commands.cli import app
 from gpvo.commands.inspect import inspect_command
 from gpvo.config import Configuration, TrackingConfig
 from gpvo.config.stages import KltConfig
-from gpvo.errors import InputError
+from gpvo.errors import InputError, OutputError
 from gpvo.evaluation.front_end.inspect import (
     AGREEMENT,
     InspectedCluster,
@@ -179,9 +181,22 @@ def test_command_simulates_and_writes_everything(tmp_path: Path) -> None:
     assert "NaN" not in (tmp_path / "a" / "inspection.json").read_text()
 
 
-def test_bad_input_is_named(recording: SimulatedRecording, tmp_path: Path) -> None:
-    from rich.console import Console
+def test_a_full_disk_is_one_line(
+    recording: SimulatedRecording,
+    clusters: list[InspectedCluster],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
 
+    monkeypatch.setattr("gpvo.commands.inspect.inspect", lambda *_: clusters)
+    monkeypatch.setattr("gpvo.evaluation.front_end.report.save_figure", full)
+    with pytest.raises(OutputError, match=r"a: cannot be written \(No space left on device"):
+        inspect_command(recording, None, FEW, tmp_path / "a", Console())
+
+
+def test_bad_input_is_named(recording: SimulatedRecording, tmp_path: Path) -> None:
     path = tmp_path / "bad.yaml"
     path.write_text("motion: sideways")
     result = CliRunner().invoke(app, ["inspect", str(path)])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
@@ -16,7 +19,7 @@ from reading import assert_recording_holds
 from recording_files import HEIGHT, WIDTH
 from rosbags.highlevel import AnyReader
 
-from gpvo.errors import InputError
+from gpvo.errors import InputError, OutputError
 from gpvo.recordings import Recording, open_recording
 from gpvo.recordings.streams import EventBlock
 from gpvo.recordings.writing.bags import cdr_event_array, ros1_event_array
@@ -77,6 +80,30 @@ def test_outputs_that_cannot_be(tmp_path: Path, recording: Recording) -> None:
     assert (tmp_path / "a.bag").read_text() == "precious"
     with pytest.raises(InputError, match="cannot be written"):
         convert(recording, tmp_path / "a.bag/b.mcap")
+
+
+@contextmanager
+def full_disk(room: int) -> Iterator[None]:
+    """Let no file grow beyond so many bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("room", [100, 8000])
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_full_disk_is_one_line(
+    tmp_path: Path, recording: Recording, kind: str, room: int
+) -> None:
+    """HDF5 crashes the process where it cannot write what it holds."""
+    output = tmp_path / "out" / OUTPUTS[kind]
+    problem = r"cannot be written \(File too large\); nothing was saved"
+    with full_disk(room), pytest.raises(OutputError, match=problem):
+        convert(recording, output, kind)
+    assert not list((tmp_path / "out").iterdir())
 
 
 def test_raw_has_limits(tmp_path: Path, calibration: Path) -> None:

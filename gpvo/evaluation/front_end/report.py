@@ -48,7 +48,9 @@ def write_inspection(
     save_figure(_flow_figure(clusters), folder / "flow.png")
     save_figure(_errors_figure(clusters), folder / "errors.png")
     save_figure(_velocity_figure(clusters), folder / "velocity.png")
-    cv2.imwrite(str(folder / "tracklets.png"), tracklet_strip(clusters, width))
+    # cv2.imwrite says nothing of a full disk.
+    _, picture = cv2.imencode(".png", tracklet_strip(clusters, width))
+    (folder / "tracklets.png").write_bytes(picture.tobytes())
     (folder / "inspection.json").write_text(json.dumps(plain, indent=2) + "\n")
 
 

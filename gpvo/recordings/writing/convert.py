@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from gpvo.errors import InputError
+from gpvo.errors import InputError, OutputError
 from gpvo.recordings.base import Recording
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
 from gpvo.recordings.writing.aedat4 import Aedat4Writer
@@ -74,7 +74,9 @@ def convert(
     Raises
     ------
     InputError
-        If the kind is unknown or cannot be found, or `output` exists or cannot be written.
+        If the kind is unknown or cannot be found, or `output` exists or has no folder.
+    OutputError
+        If it cannot be written, as the disk is full.
     """
     output = Path(output)
     kind = kind or kind_of(output)
@@ -87,12 +89,17 @@ def convert(
             raise InputError(f"{path}: exists; name another output or remove it")
     part = output.with_name(output.name + ".part")
     try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{output}: cannot be written ({error.strerror or error})") from error
+    try:
         counts = _write(recording, part, WRITERS[kind], advance)
         part.rename(output)
         if calibrated:
             write_camchain(calibration, recording.rig)
     except OSError as error:
-        raise InputError(f"{output}: cannot be written ({error.strerror or error})") from error
+        problem = f"{output}: cannot be written ({error.strerror or error})"
+        raise OutputError(f"{problem}; nothing was saved") from error
     finally:
         with suppress(OSError):
             _remove(part)
@@ -122,7 +129,6 @@ def _write(
     advance: Callable[[float], object],
 ) -> tuple[int, ...]:
     _remove(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     counts = np.zeros(len(recording.sides), np.int64)
     with writer(path, sensor_sizes(recording), recording.start_ns) as opened:
         for batch in recording.event_batches():

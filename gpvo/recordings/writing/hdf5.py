@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gpvo.recordings.base import SIDES
 from gpvo.recordings.streams import EventBlock
+from gpvo.recordings.writing.disk_file import DiskFile
 from gpvo.recordings.writing.writer import RecordingWriter, Sizes, microseconds
 
 CHUNK_ROWS = 1 << 16
@@ -19,13 +20,29 @@ GZIP = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 """Readable by h5py without further filters; as small as Blosc and written as fast."""
 
 
+class _Hdf5File:
+    """An HDF5 file that is being written; `check` and `close` raise OSError if it could not be."""
+
+    def __init__(self, path: Path) -> None:
+        self._disk = DiskFile(path)
+        self.file = h5py.File(self._disk, "w")
+
+    def check(self) -> None:
+        self._disk.check()
+
+    def close(self) -> None:
+        self.file.close()
+        self._disk.close()
+        self._disk.check()
+
+
 class MvsecWriter(RecordingWriter):
     """Writer of davis/{left,right}/events, (N, 4) float64: x, y, seconds, polarity -1 or 1."""
 
     def __init__(self, path: Path, sizes: Sizes, start_ns: int) -> None:
-        self._file = h5py.File(path, "w")
+        self._hdf5 = _Hdf5File(path)
         self._tables = [
-            self._file.create_dataset(
+            self._hdf5.file.create_dataset(
                 f"davis/{side}/events",
                 shape=(0, 4),
                 maxshape=(None, 4),
@@ -43,9 +60,10 @@ class MvsecWriter(RecordingWriter):
             rows = len(table)
             table.resize(rows + len(block), axis=0)
             table[rows:] = np.column_stack([block.x, block.y, seconds, polarity])
+        self._hdf5.check()
 
     def close(self) -> None:
-        self._file.close()
+        self._hdf5.close()
 
 
 class DsecWriter(RecordingWriter):
@@ -72,8 +90,8 @@ class _DsecFile:
 
     def __init__(self, path: Path, offset_us: int) -> None:
         path.parent.mkdir(parents=True)
-        self._file, self._offset_us = h5py.File(path, "w"), offset_us
-        self._file["t_offset"] = np.int64(offset_us)
+        self._hdf5, self._offset_us = _Hdf5File(path), offset_us
+        self._hdf5.file["t_offset"] = np.int64(offset_us)
         # DSEC's own uint32 microseconds overflow after 71 minutes; readers accept int64, too.
         kinds = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
         self._columns = {name: self._column(f"events/{name}", kinds[name]) for name in kinds}
@@ -85,6 +103,7 @@ class _DsecFile:
         values = {"x": block.x, "y": block.y, "t": t, "p": block.polarity}
         for name, column in self._columns.items():
             _extend(column, values[name])
+        self._hdf5.check()
 
     def _append_index(self, t: NDArray[np.int64], rows: int) -> None:
         """Append the first row of every millisecond up to that of the last event."""
@@ -94,7 +113,7 @@ class _DsecFile:
         _extend(self._index, rows + np.searchsorted(t, 1000 * milliseconds, side="left"))
 
     def _column(self, name: str, kind: type) -> h5py.Dataset:
-        return self._file.create_dataset(
+        return self._hdf5.file.create_dataset(
             name,
             shape=(0,),
             maxshape=(None,),
@@ -104,7 +123,7 @@ class _DsecFile:
         )
 
     def close(self) -> None:
-        self._file.close()
+        self._hdf5.close()
 
 
 def _extend(column: h5py.Dataset, values: NDArray) -> None:
