@@ -96,7 +96,7 @@ def evaluate_command(
     OutputError
         If the report cannot be written.
     """
-    console = console or Console()
+    console = console or Console(markup=False, emoji=False)
     if output is not None:
         make_folder(output)
     competitors = dict(parse_competitor(text) for text in against)
@@ -153,7 +153,7 @@ def print_comparison(comparison: Comparison, console: Console) -> None:
     for table in comparison.tables():
         console.print(to_rich(table))
     for warning in comparison.warnings():
-        console.print(warning, style="yellow", markup=False, highlight=False)
+        console.print(warning, style="yellow", highlight=False)
     for name, offset in comparison.time_offsets.items():
         console.print(f"{name}: clock offset {1e3 * offset:.1f} ms removed", highlight=False)
     console.print("\n".join(comparison.notes()) + "\n", style="dim", highlight=False)

@@ -56,7 +56,7 @@ def info(
     for table in summary.tables():
         console.print(table)
     for warning in summary.warnings:
-        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
+        console.print(f"warning: {warning}", style="yellow", highlight=False)
 
 
 @contextmanager

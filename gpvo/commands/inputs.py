@@ -17,8 +17,8 @@ from gpvo.recordings import Recording
 from gpvo.trajectory import StampedPoses
 from gpvo.trajectory.stamped_poses import seconds_text
 
-console = Console()
-"""Console that the commands print to."""
+console = Console(markup=False, emoji=False)
+"""Console that the commands print to; users' names may have brackets."""
 
 Output = Annotated[Path | None, typer.Option(help="Folder for the results; default: results/NAME.")]
 Start = Annotated[float, typer.Option(min=0, help="Seconds to skip.")]

@@ -84,7 +84,7 @@ def run_many(
     for outcome in in_order(run_one, tasks, *workers, pool=ThreadPoolExecutor):
         outcomes[outcome.name] = outcome
         _write_summary(folder, outcomes)
-        console.print(f"{outcome.name}: {outcome.said}", highlight=False, markup=False)
+        console.print(f"{outcome.name}: {outcome.said}", highlight=False)
     ordered = [outcomes[name] for name in named]
     console.print(to_rich(summary_table(ordered, folder)))
     console.print(f"results: {folder}")

@@ -154,5 +154,5 @@ def _evaluation(
         return evaluate_trajectory(trajectory, truth)
     except InputError as error:
         warning = f"{name}: the errors are left out: {error}"
-        console.print(warning, style="yellow", markup=False, highlight=False, soft_wrap=True)
+        console.print(warning, style="yellow", highlight=False, soft_wrap=True)
         return None

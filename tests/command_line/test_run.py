@@ -247,10 +247,12 @@ def test_a_run_keeps_its_results_where_the_truth_cannot_be_compared(
 ) -> None:
     truth = later_truth(recording, tmp_path / "late[1].tum", 0.2999)
     files = replace(recording, ground_truth=truth)
-    code, out, _ = gpvo(*files.arguments(tmp_path / "out"), "--duration", "0.3")
+    folder = tmp_path / "out[" / "b]"
+    code, out, _ = gpvo(*files.arguments(folder), "--duration", "0.3")
     assert code == 0 and out.count("late[1].tum: the errors are left out: nothing to compare") == 1
-    assert json.loads((tmp_path / "out" / "metrics.json").read_text())["errors"] is None
-    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert f"results:{folder}" in "".join(out.split())
+    assert json.loads((folder / "metrics.json").read_text())["errors"] is None
+    written = {path.name for path in folder.iterdir()}
     assert {*FILES, "cost.json", "run.json"} - written == {"error.png"}
 
 

@@ -53,6 +53,16 @@ def test_info_of_a_bag(tmp_path: Path, calibration: Path) -> None:
     assert "groundtruth.txt: 2 poses from -0.02" in output
 
 
+def test_names_are_printed_as_they_are(tmp_path: Path, calibration: Path) -> None:
+    """Also those that the terminal's library takes for markup."""
+    column_file(tmp_path / "left.h5", LEFT)
+    column_file(tmp_path / "right.h5", RIGHT)
+    output = tmp_path / "mk[" / "b]:bug:[red].hdf5"
+    assert str(output) in invoke("convert", tmp_path, output, "--calibration", calibration)
+    shown = invoke("info", output, "--calibration", calibration)
+    assert "[/b]:bug:[red].hdf5" in "".join(shown.split())
+
+
 def test_info_tells_of_faults(tmp_path: Path, calibration: Path) -> None:
     x, t = LEFT.x.copy(), (LEFT.t_ns - START_NS) // 1000 + 5
     x[7], t[500] = 900, 3_000_000_000

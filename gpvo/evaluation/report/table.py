@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from html import escape as escape_html
 
 from rich.console import JustifyMethod
-from rich.markup import escape as escape_rich
 from rich.table import Table
+from rich.text import Text
 
 LATEX_PACKAGES = r"\usepackage{amsmath, booktabs}"
 
@@ -47,20 +47,19 @@ class ResultTable:
 
 
 def to_rich(table: ResultTable) -> Table:
-    """Format a table for the terminal."""
-    rich = Table(title=escape_rich(table.title), title_justify="left")
+    """Format a table for the terminal, with names as they are, also with brackets."""
+    rich = Table(title=Text(table.title, "table.title"), title_justify="left")
     for index, heading in enumerate(table.headings):
         first = index == 0
         justify: JustifyMethod = "left" if first else "right"
-        rich.add_column(escape_rich(heading), justify=justify, no_wrap=first)
+        rich.add_column(Text(heading), justify=justify, no_wrap=first)
     for number, row in enumerate(table.rows, start=1):
         rich.add_row(*map(_rich_cell, row), end_section=number % table.group == 0)
     return rich
 
 
-def _rich_cell(cell: Cell) -> str:
-    text = escape_rich(cell.text)
-    return f"[bold]{text}[/bold]" if cell.best else text
+def _rich_cell(cell: Cell) -> Text:
+    return Text(cell.text, "bold" if cell.best else "")
 
 
 def to_markdown(table: ResultTable) -> str:
