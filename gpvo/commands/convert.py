@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gpvo.commands.info import open_for_info
+from gpvo.commands.info import open_for_info, without_calibration
 from gpvo.commands.inputs import Calibration, LeftTopic, RightTopic, console
 from gpvo.commands.progress import reading_progress
 from gpvo.errors import InputError
@@ -41,7 +41,7 @@ def convert_recording(
     opened, calibrated = open_for_info(recording, calibration, left_topic, right_topic)
     with reading_progress(console, opened.duration) as advance:
         counts = convert(opened, output, kind, advance)
-    place = f"in {camchain_path(output, kind)}" if calibrated else "none found"
+    place = f"in {camchain_path(output, kind)}" if calibrated else without_calibration(opened.path)
     sides = opened.sides if len(counts) > 1 else ("",)
     numbers = (f"{count:,} {side}".strip() for count, side in zip(counts, sides, strict=True))
     console.print(

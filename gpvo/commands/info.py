@@ -20,7 +20,11 @@ from gpvo.commands.progress import reading_progress
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.load import load_poses
 from gpvo.recordings import Events, Recording
-from gpvo.recordings.calibration.find import Calibration, MissingCalibrationError
+from gpvo.recordings.calibration.find import (
+    Calibration,
+    MissingCalibrationError,
+    calibrations_beside,
+)
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
 from gpvo.recordings.checks.row_rates import RowRates
 from gpvo.recordings.open_recording import open_cameras
@@ -169,8 +173,15 @@ class Summary:
                 ("baseline", f"{rig.baseline:.6f} m"),
             ]
         else:
-            facts += [("sensor", self._stated_sensor()), ("calibration", "none found")]
+            unknown = without_calibration(recording.path)
+            facts += [("sensor", self._stated_sensor()), ("calibration", unknown)]
         return [*facts, ("ground truth", "\n".join(self.ground_truth) or "none found")]
+
+
+def without_calibration(recording: Path) -> str:
+    """Say why a recording was opened without a calibration."""
+    beside = [file.name for file in calibrations_beside(recording)]
+    return f"several: {', '.join(beside)}; give one" if len(beside) > 1 else "none found"
 
 
 def open_for_info(

@@ -96,7 +96,7 @@ def open_recording(
         the name. If each camera has a file of its own, give either file or their folder.
     calibration
         File of the stereo calibration (see `read_calibration`), or a rig. Not needed if the
-        recording contains its calibration, or if exactly one lies beside it.
+        recording contains its calibration, or if one of its name or only one lies beside it.
     left_topic, right_topic
         Topics (files in a folder, streams in AEDAT4) of both cameras, if their names do not show
         which is left and which is right.

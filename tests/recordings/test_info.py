@@ -63,6 +63,26 @@ def test_names_are_printed_as_they_are(tmp_path: Path, calibration: Path) -> Non
     assert "[/b]:bug:[red].hdf5" in "".join(shown.split())
 
 
+def test_converted_recordings_have_calibrations_of_their_own(
+    tmp_path: Path, calibration: Path
+) -> None:
+    """Beside their original, which keeps its own, and beside each other."""
+    for side, block in (("left", LEFT), ("right", RIGHT)):
+        column_file(tmp_path / f"{side}.h5", block)
+    original = open_recording(tmp_path)
+    for source, output in ((".", "room.bag"), (".", "room.mcap"), ("room.bag", "room.aedat4")):
+        place = "in " + str(tmp_path / "room.camchain.yaml")
+        assert place in invoke("convert", tmp_path / source, tmp_path / output)
+        tables = open_recording(tmp_path / output).rig.tables
+        np.testing.assert_array_equal(tables, original.rig.tables)
+    invoke("convert", tmp_path / "left.h5", tmp_path / "b.bag")
+    (tmp_path / "b.camchain.yaml").write_text("another")
+    with pytest.raises(InputError, match=r"b\.camchain\.yaml: exists, with another calibration"):
+        invoke("convert", tmp_path / "left.h5", tmp_path / "b.hdf5")
+    calibration.with_name("camchain2.yaml").write_bytes(calibration.read_bytes())
+    assert "several: camchain.yaml, camchain2.yaml" in invoke("info", tmp_path / "left.h5")
+
+
 def test_info_tells_of_faults(tmp_path: Path, calibration: Path) -> None:
     x, t = LEFT.x.copy(), (LEFT.t_ns - START_NS) // 1000 + 5
     x[7], t[500] = 900, 3_000_000_000

@@ -30,6 +30,9 @@ BESIDE = (
 )
 """Names of calibrations that are found in the recording's folder and those above it."""
 
+OWN = ".camchain.yaml"
+"""What takes the place of a recording's suffix in the name of its own calibration."""
+
 FOLDERS_ABOVE = 3
 
 Calibration = Path | str | StereoRig | None
@@ -70,7 +73,7 @@ def read_calibration(path: Path | str) -> StereoRig:
 
 
 def rig_for(recording: Path, calibration: Calibration, format_name: str) -> StereoRig:
-    """Return the rig of the given calibration, or of the only one beside the recording.
+    """Return the rig of the given calibration, or of the recording's own or only one beside it.
 
     Raises
     ------
@@ -98,13 +101,25 @@ def rig_for(recording: Path, calibration: Calibration, format_name: str) -> Ster
 
 
 def calibrations_beside(recording: Path) -> list[Path]:
-    """Return the calibrations in the nearest folder that has any."""
+    """Return the recording's own calibration, or those in the nearest folder that has any."""
+    own = recording.absolute().with_suffix(OWN)
+    if recording.is_file() and own.is_file():
+        return [own]
     folder = recording.absolute() if recording.is_dir() else recording.absolute().parent
     for place in (folder, *folder.parents[:FOLDERS_ABOVE]):
         found = [file for pattern in BESIDE for file in sorted(place.glob(pattern))]
-        if found:
-            return found
+        if usable := [file for file in found if not _is_of_another(file)]:
+            return usable
     return []
+
+
+def _is_of_another(calibration: Path) -> bool:
+    """Return whether a calibration is that of a recording beside it, by its name."""
+    name = calibration.name.removesuffix(OWN)
+    return name != calibration.name and any(
+        file.stem == name and file.suffix not in (".yaml", ".yml") and file.is_file()
+        for file in calibration.parent.iterdir()
+    )
 
 
 def _of_folder(folder: Path) -> Path:

@@ -12,13 +12,22 @@ import numpy as np
 
 from gpvo.errors import InputError, OutputError
 from gpvo.recordings.base import Recording
+from gpvo.recordings.calibration.find import OWN
+from gpvo.recordings.calibration.rig import StereoRig
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
 from gpvo.recordings.writing.aedat4 import Aedat4Writer
 from gpvo.recordings.writing.bags import McapWriter, RosBag1Writer
 from gpvo.recordings.writing.hdf5 import DsecWriter, MvsecWriter
 from gpvo.recordings.writing.raw import RawWriter
 from gpvo.recordings.writing.text import CsvWriter, TextWriter
-from gpvo.recordings.writing.writer import RecordingWriter, Size, Sizes, stamped, write_camchain
+from gpvo.recordings.writing.writer import (
+    RecordingWriter,
+    Size,
+    Sizes,
+    camchain_text,
+    stamped,
+    write_camchain,
+)
 
 Kind = Literal["mvsec", "dsec", "rosbag1", "mcap", "aedat4", "raw", "text", "csv"]
 
@@ -84,9 +93,12 @@ def convert(
         raise InputError(f"--to {kind}: is unknown; choose one of {', '.join(get_args(Kind))}")
     calibration = camchain_path(output, kind)
     calibrated = recording.rig is not UNKNOWN_RIG
-    for path in (output, calibration) if calibrated else (output,):
-        if path.exists():
-            raise InputError(f"{path}: exists; name another output or remove it")
+    if output.exists():
+        raise InputError(f"{output}: exists; name another output or remove it")
+    if calibrated and calibration.exists() and not _holds(calibration, recording.rig):
+        raise InputError(
+            f"{calibration}: exists, with another calibration; name another output or remove it"
+        )
     part = output.with_name(output.name + ".part")
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
@@ -106,6 +118,11 @@ def convert(
     return counts
 
 
+def _holds(calibration: Path, rig: StereoRig) -> bool:
+    """Return whether a file is the camchain of a rig."""
+    return calibration.is_file() and calibration.read_bytes() == camchain_text(rig).encode()
+
+
 def kind_of(output: Path) -> Kind:
     """Return the format for the ending of a file's name."""
     if output.suffix not in ENDINGS:
@@ -119,7 +136,7 @@ def kind_of(output: Path) -> Kind:
 
 def camchain_path(output: Path, kind: str) -> Path:
     """Return the path of a converted recording's calibration."""
-    return output / "camchain.yaml" if kind in FOLDERS else output.with_suffix(".camchain.yaml")
+    return output / "camchain.yaml" if kind in FOLDERS else output.with_suffix(OWN)
 
 
 def _write(

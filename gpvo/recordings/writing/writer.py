@@ -60,7 +60,12 @@ def microseconds(t_ns: np.ndarray) -> np.ndarray:
 
 
 def write_camchain(path: Path, rig: StereoRig) -> None:
-    """Write a rig as a kalibr camchain with MVSEC's rectification, as read_kalibr reads it."""
+    """Write a rig as a kalibr camchain."""
+    path.write_text(camchain_text(rig), encoding="utf-8")
+
+
+def camchain_text(rig: StereoRig) -> str:
+    """Return a rig as a kalibr camchain with MVSEC's rectification, as read_kalibr reads it."""
     R_left, R_right = rig.left.R_rect, rig.right.R_rect
     T_right_left = np.eye(4)
     T_right_left[:3, :3] = R_right.T @ R_left
@@ -69,7 +74,7 @@ def write_camchain(path: Path, rig: StereoRig) -> None:
         "cam0": _fields(rig, rig.left, 0.0),
         "cam1": _fields(rig, rig.right, rig.baseline) | {"T_cn_cnm1": T_right_left.tolist()},
     }
-    path.write_text(yaml.safe_dump(content, default_flow_style=None), encoding="utf-8")
+    return str(yaml.safe_dump(content, default_flow_style=None))
 
 
 def _fields(rig: StereoRig, camera: Camera, x: float) -> dict[str, Any]:
