@@ -56,14 +56,14 @@ def inspect_front_end(
         if is_simulation
         else open_recording(recording, calibration, left_topic, right_topic)
     )
+    check_start(opened, start)
+    span = start, checked_duration(duration) or np.inf
     truth = None
     if ground_truth is not None:
-        truth = truth_of_poses(
-            load_ground_truth(ground_truth, opened, calibration), opened.start_ns
-        )
+        poses = load_ground_truth(ground_truth, opened, calibration, *span)
+        truth = truth_of_poses(poses, opened.start_ns, str(ground_truth))
     configuration = configured(config, seed)
     folder = output or Path("results") / recording.stem / "inspection"
-    span = start, checked_duration(duration) or np.inf
     inspect_command(opened, truth, configuration, folder, console, *span)
 
 

@@ -159,6 +159,15 @@ def test_summary_of_a_simulated_room(clusters: list[InspectedCluster]) -> None:
     assert iterative < fast
 
 
+def test_truth_that_covers_little_is_refused(recording: SimulatedRecording) -> None:
+    """Its numbers would be of few tracklets, or none."""
+    stamps_ns = recording.start_ns + np.array([300_000_000, 340_000_000])
+    poses = StampedPoses(stamps_ns, recording.motion.pose(np.array([0.3, 0.34])))
+    truth = truth_of_poses(poses, recording.start_ns, "late.txt")
+    with pytest.raises(InputError, match=r"late\.txt: its poses, from 0\.300 to 0\.340 s"):
+        inspect(recording, truth, FEW)
+
+
 def test_strip_shows_right_tracklets_in_green(clusters: list[InspectedCluster]) -> None:
     strip = tracklet_strip(clusters, 240)
     assert strip.shape[2] == 3 and strip.shape[1] == 3 * 2 * 240

@@ -6,7 +6,7 @@ MC-RANSAC.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 
@@ -65,6 +65,11 @@ class JudgedTracklets:
 
     def __len__(self) -> int:
         return len(self.earlier)
+
+    @property
+    def has_truth(self) -> Mask:
+        """(N,) bool, tracklets of which the error is known."""
+        return np.isfinite(self.error[:, 0])
 
     @property
     def distance(self) -> Array:
@@ -137,7 +142,7 @@ def inspect(
     Raises
     ------
     InputError
-        If the events are faulty or there are too few for a cluster.
+        If the events are faulty, there are too few for a cluster, or the truth covers too little.
     """
     inspector = _Inspector(recording, truth, configuration)
     batches = recording.event_batches(start, start + duration)
@@ -148,7 +153,19 @@ def inspect(
             progress(clusters[-1])
     if not clusters:
         raise InputError(f"{recording.path}: too few events for a cluster")
+    _check_coverage(clusters, truth)
     return clusters
+
+
+def _check_coverage(clusters: Sequence[InspectedCluster], truth: Truth) -> None:
+    """Raise InputError if most tracklets have no truth: medians would tell nothing."""
+    known = sum(int(one.tracklets.has_truth.sum()) for one in clusters)
+    if known < 0.5 * sum(len(one.tracklets) for one in clusters):
+        raise InputError(
+            f"{truth.name}: its poses, from {truth.start:.3f} to {truth.stop:.3f} s of the"
+            " recording, cover less than half of the tracklets; choose what they cover by --start"
+            " and --duration, or give another --ground-truth"
+        )
 
 
 class _Inspector:

@@ -32,12 +32,15 @@ class Truth:
         T_world_cam (N, 4, 4) of the rectified left camera at times (N,), seconds.
     depth
         Depth Z (N,) of rectified left pixels (N, 2) at times (N,), metres; None if unknown.
+    name
+        File, for messages.
     """
 
     start: float
     stop: float
     pose: Callable[[Array], Array]
     depth: Callable[[Array, Array], Array] | None = None
+    name: str = "ground truth"
 
     def mean_twist(self, start: float, stop: float) -> Array:
         """Return the constant body twist (6,), rotation first, from one pose to the other."""
@@ -71,7 +74,7 @@ class Truth:
         return (last - first)[:, :2] / _TICK
 
 
-def truth_of_poses(poses: StampedPoses, start_ns: int) -> Truth:
+def truth_of_poses(poses: StampedPoses, start_ns: int, name: str = Truth.name) -> Truth:
     """Return the truth from rectified left camera poses; `start_ns` is the stamp of t = 0."""
     start, stop = ((int(stamp) - start_ns) * 1e-9 for stamp in poses.stamps_ns[[0, -1]])
 
@@ -81,7 +84,7 @@ def truth_of_poses(poses: StampedPoses, start_ns: int) -> Truth:
         unique, inverse = np.unique(stamps, return_inverse=True)
         return poses.interpolate(unique).T_world_cam[inverse]
 
-    return Truth(start, stop, pose)
+    return Truth(start, stop, pose, name=name)
 
 
 def truth_of_simulation(recording: SimulatedRecording) -> Truth:
