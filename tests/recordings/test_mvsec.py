@@ -103,6 +103,24 @@ def test_times_start_at_the_first_event_of_either_camera(tmp_path: Path, calibra
     np.testing.assert_allclose(stamps, left[:, 2] * 1e9, rtol=0, atol=1000)
 
 
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize(
+    ("row", "shift", "problem"),
+    [
+        (0, -100.0, "row 0: .*the row below, .* damaged; leave"),
+        (-1, 100.0, "row 99: .*the row above, "),
+    ],
+)
+def test_ends_that_are_far_from_all_others_are_refused(
+    tmp_path: Path, calibration: Path, side: int, row: int, shift: float, problem: str
+) -> None:
+    tables = event_rows(100, 5), event_rows(100, 6)
+    tables[side][row, 2] += shift
+    path = write_mvsec(tmp_path / "a.hdf5", *tables)
+    with pytest.raises(InputError, match=f"{('left', 'right')[side]}/events {problem}"):
+        open_recording(path, calibration)
+
+
 @pytest.mark.parametrize("length", [0.1, 70.0])
 def test_hours_without_events_are_one_batch(length: float) -> None:
     """Regular batches continue after them, and silence at the end is one batch, too."""

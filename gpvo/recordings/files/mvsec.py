@@ -19,7 +19,12 @@ from gpvo.recordings.calibration.find import Calibration, rig_for
 from gpvo.recordings.checks import columns
 from gpvo.recordings.checks.plain_columns import fill_plain
 from gpvo.recordings.checks.sensor_size import check_resolution
-from gpvo.recordings.checks.time_order import DISORDER_NS, SORTED
+from gpvo.recordings.checks.time_order import (
+    DISORDER_NS,
+    FEWEST_AFTER_GAP,
+    LONGEST_GAP_NS,
+    SORTED,
+)
 from gpvo.recordings.event_batches import stereo_batches
 from gpvo.recordings.files.mvsec_chunks import EventChunks
 from gpvo.recordings.hdf5 import Column, H5Error, holds, open_hdf5
@@ -32,6 +37,8 @@ TABLES = {side: f"davis/{side}/events" for side in SIDES}
 TIME = 2
 DISORDER = DISORDER_NS * 1e-9
 """Events that are late by less than this are sorted, seconds."""
+LONGEST_GAP = LONGEST_GAP_NS * 1e-9
+"""Fewer than FEWEST_AFTER_GAP events beyond so many seconds have damaged stamps."""
 END_ROWS = 4096
 """Rows at the end of a table, among which the latest event is."""
 BLOCK_ROWS, CACHED_ROWS = 1 << 19, 1 << 16
@@ -159,8 +166,28 @@ class _EventTable:
             )
         ends = self._times(max(0, last_row - END_ROWS), last_row + 1)
         begins = self._times(0, min(END_ROWS, last_row + 1))
+        self._check_ends(begins, ends)
         near = ends[np.abs(ends - last) < DISORDER], begins[np.abs(begins - first) < DISORDER]
         return float(near[1].min()), float(near[0].max())
+
+    def _check_ends(self, begins: NDArray[np.float64], ends: NDArray[np.float64]) -> None:
+        """Raise InputError if few of the first or last events are far from the others."""
+        rows = len(self.dataset)
+        if rows >= 2 * FEWEST_AFTER_GAP:
+            self._check_end(begins[:FEWEST_AFTER_GAP], 0, "below")
+            self._check_end(ends[-FEWEST_AFTER_GAP:], rows - FEWEST_AFTER_GAP, "above")
+
+    def _check_end(self, times: NDArray[np.float64], first_row: int, side: str) -> None:
+        gaps = np.diff(times)
+        if np.count_nonzero(gaps > LONGEST_GAP) != 1:
+            return  # with many of them the times' unit is another
+        before_gap = int(np.argmax(gaps))
+        bad = before_gap + (side == "above")
+        raise InputError(
+            f"{self.where} row {first_row + bad}: time {times[bad]:.6f} s is"
+            f" {gaps[before_gap]:.0f} s from that of the row {side}, and few events are there:"
+            " their stamps are damaged; leave them out"
+        )
 
     def _times(self, first_row: int, stop_row: int) -> NDArray[np.float64]:
         """Return the times of rows in seconds."""
