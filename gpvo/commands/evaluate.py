@@ -127,7 +127,12 @@ def load_contenders(
 ) -> list[Contender]:
     """Read the poses; `at_competitor` selects the states of `at_states_of_competitor`."""
     contenders = [
-        Contender(one.name, *one.load(calibration), cost=read_cost(one.estimate))
+        Contender(
+            one.name,
+            *one.load(calibration),
+            cost=read_cost(one.estimate),
+            files=f"{one.estimate} and {one.ground_truth}",
+        )
         for one in sources.estimates
     ]
     return at_states_of_competitor(contenders) if at_competitor else contenders

@@ -18,7 +18,8 @@ from gpvo.commands.inputs import (
     load_ground_truth,
 )
 from gpvo.config import Configuration, NoiseConfig, in_tracked_pixels
-from gpvo.estimator.noise_learning import states_of_poses, tuned_noise
+from gpvo.errors import about
+from gpvo.estimator.noise_learning import check_count, states_of_poses, tuned_noise
 from gpvo.mapping.recorder import MeasurementRecorder
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording, open_recording
@@ -37,20 +38,27 @@ def tune_noise(
     opened = open_recording(recording, calibration, left_topic, right_topic)
     truth = load_ground_truth(ground_truth, opened, calibration)
     configuration = configured(config, None)
-    print(noise_text(tuned_on_recording(opened, truth, configuration)), end="")
+    noise = tuned_on_recording(opened, truth, configuration, str(ground_truth))
+    print(noise_text(noise), end="")
 
 
 def tuned_on_recording(
-    recording: Recording, truth: StampedPoses, configuration: Configuration
+    recording: Recording,
+    truth: StampedPoses,
+    configuration: Configuration,
+    truth_name: str = "ground truth",
 ) -> NoiseConfig:
     """Noise parameters learned from a recording's inlier tracklets and its true poses."""
+    t = np.asarray((truth.stamps_ns - recording.start_ns) * 1e-9, np.float64)
+    with about(truth_name):
+        check_count(t)
+        motion = states_of_poses(t, truth.T_world_cam)
     seen = MeasurementRecorder()
     odometry = Odometry(recording.rig, configuration, observer=seen)
     for _ in odometry.reports_of(recording.event_batches()):
         pass
-    t = np.asarray((truth.stamps_ns - recording.start_ns) * 1e-9, np.float64)
-    motion = states_of_poses(t, truth.T_world_cam)
-    noise = tuned_noise([seen.measurements], motion, odometry.camera)
+    with about(truth_name):
+        noise = tuned_noise([seen.measurements], motion, odometry.camera)
     return in_tracked_pixels(noise, odometry.configuration)
 
 

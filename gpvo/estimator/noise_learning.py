@@ -28,6 +28,12 @@ INLIERS = 0.999
 """Share of measurements without gross errors that are counted."""
 
 
+def check_count(t: Array) -> None:
+    """Raise InputError if there are less than three poses."""
+    if len(t) < 3:
+        raise InputError(f"{len(t)} poses: the ground truth needs three or more to tell Q_c")
+
+
 def acceleration_psd(t: Array, T_world_cam: Array) -> Array:
     """(6,) power spectral density of the acceleration that makes true poses most probable.
 
@@ -46,8 +52,7 @@ def acceleration_psd(t: Array, T_world_cam: Array) -> Array:
     InputError
         If there are less than three poses.
     """
-    if len(t) < 3:
-        raise InputError(f"{len(t)} poses: the ground truth needs three or more to tell Q_c")
+    check_count(t)
     dt = np.diff(t)
     step = se3_log(se3_inverse(T_world_cam[:-1]) @ T_world_cam[1:]) / dt[:, None]
     # The mean velocities of neighbouring steps differ by noise of the variance q (dt1 + dt2) / 3.
@@ -80,7 +85,9 @@ def measurement_information(
     """
     measurements = _often_measured(measurements, motion)
     if len(measurements) == 0:
-        raise InputError("no landmark is measured three times during the ground truth")
+        raise InputError(
+            "no landmark is measured three times during the ground truth; give a longer one"
+        )
     share = 1 - len(np.unique(measurements.landmark)) / len(measurements)
     information = np.array(NoiseConfig().measurement_information)
     for _ in range(iterations):

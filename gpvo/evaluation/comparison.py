@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.lie import se3_inverse
+from gpvo.errors import about
 from gpvo.evaluation.evaluate import Evaluation, common_stamps, evaluate
 from gpvo.evaluation.metrics.association import common_part
 from gpvo.evaluation.metrics.frame_and_clock_offsets import find_body_offset, find_time_offset
@@ -121,18 +122,28 @@ def compare(
     protocol = protocol or Protocol()
     offsets: dict[str, float] = {}
     if protocol.align_time:
-        offsets = {one.name: find_time_offset(one.estimate, one.ground_truth) for one in contenders}
+        offsets = {one.name: _time_offset(one) for one in contenders}
     aligned = [one.later(offsets) for one in contenders]
     first = aligned[0].estimate
     return Comparison(
         sequence,
-        [_evaluate(contender, protocol) for contender in aligned],
+        [_evaluated(contender, protocol) for contender in aligned],
         protocol.describe(contenders),
         offsets,
         weak_stretches(first.trajectory) if isinstance(first, ContinuousPoses) else [],
         list(published),
         {one.name: one.cost for one in contenders if one.cost is not None},
     )
+
+
+def _time_offset(contender: Contender) -> float:
+    with about(contender.files or contender.name):
+        return find_time_offset(contender.estimate, contender.ground_truth)
+
+
+def _evaluated(contender: Contender, protocol: Protocol) -> Evaluation:
+    with about(contender.files or contender.name):
+        return _evaluate(contender, protocol)
 
 
 def _evaluate(contender: Contender, protocol: Protocol) -> Evaluation:

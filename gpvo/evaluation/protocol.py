@@ -106,7 +106,7 @@ class Contender:
 
     A discrete estimate is compared at its own states, a continuous one every 0.01 s. With
     `at_states_of` it is compared at the states of another contender: the paper uses the
-    competitor's states, so that both have the same time between poses.
+    competitor's states, so that both have the same time between poses. `files` are for messages.
     """
 
     name: str
@@ -114,6 +114,7 @@ class Contender:
     ground_truth: StampedPoses
     at_states_of: Contender | None = None
     cost: Cost | None = None
+    files: str = ""
 
     def later(self, offsets: Mapping[str, float]) -> Contender:
         """Return the same with seconds, by name, added to the estimates' stamps."""

@@ -26,7 +26,7 @@ class Recorder:
     """
 
     def __init__(self, path: Path, rig: StereoRig) -> None:
-        self._path, self._rig, self._kind = path, rig, kind_of(path)
+        self._path, self._rig, self._kind = path, rig, kind_of(path, asked=False)
         if path.exists():
             raise InputError(f"{path}: exists; name another file to record to")
         self._waiting: list[tuple[EventBlock, EventBlock]] = []

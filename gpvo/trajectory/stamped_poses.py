@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from gpvo.errors import InputError
+from gpvo.errors import InputError, about
 
 ROTATION_TOLERANCE = 1e-3
 """Largest allowed entry of RᵀR - 1; files with four decimals pass."""
@@ -58,10 +58,8 @@ class StampedPoses:
         place: str, stamps_ns: NDArray[np.int64], T_world_cam: NDArray[np.float64]
     ) -> StampedPoses:
         """Make poses that were read from a file; errors name `place`, a file or a part of one."""
-        try:
+        with about(place):
             return StampedPoses(stamps_ns, T_world_cam)
-        except InputError as error:
-            raise InputError(f"{place}: {error}") from error
 
     def __len__(self) -> int:
         return len(self.stamps_ns)

@@ -158,6 +158,14 @@ def test_cameras_have_no_offset_that_is_found(recording: RecordingFiles, gpvo: C
         assert code == 2 and message in error and error.count("\n") == 1
 
 
+def test_a_file_to_record_needs_a_known_ending(
+    recording: RecordingFiles, gpvo: Callable, tmp_path: Path
+) -> None:
+    code, _, error = gpvo(*arguments(recording, tmp_path, "--record", tmp_path / "rr.xyz"))
+    assert code == 2 and "rr.xyz: which format? let its name end with one of .hdf5" in error
+    assert "--to" not in error
+
+
 def test_no_time_is_refused(recording: RecordingFiles, gpvo: Callable, tmp_path: Path) -> None:
     code, _, error = gpvo(*arguments(recording, tmp_path / "out", "--duration", "0"))
     assert code == 2 and not (tmp_path / "out").exists()

@@ -48,3 +48,14 @@ def test_ground_truth_that_is_missing_is_one_clear_error(
     files = ["--ground-truth", missing, "--calibration", recording.calibration]
     assert tune_noise(recording.data, *files) != 0
     assert str(missing) in capsys.readouterr().err
+
+
+def test_ground_truth_of_two_poses_is_named(
+    recording: RecordingFiles, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = tmp_path / "few.tum"
+    begin = open_recording(recording.data, recording.calibration).start_ns * 1e-9
+    few.write_text("".join(f"{begin + t:.6f} 0 0 0 0 0 0 1\n" for t in (0, 1)))
+    files = ["--ground-truth", few, "--calibration", recording.calibration]
+    assert tune_noise(recording.data, *files) == 2
+    assert f"{few}: 2 poses: the ground truth needs three" in capsys.readouterr().err

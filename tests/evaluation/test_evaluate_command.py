@@ -298,6 +298,18 @@ def test_a_continuous_result_on_another_clock(random_walk):
     assert comparison.evaluations[0].global_error.norms["translation"].max() < 1e-2
 
 
+@pytest.mark.parametrize(
+    ("protocol", "problem"),
+    [(Protocol(), "nothing to compare"), (Protocol(align_time=True), "too little in common")],
+)
+def test_files_that_cannot_be_compared_are_named(sequence, random_walk, protocol, problem):
+    later = sequence / "later.txt"
+    write_tum(later, random_walk(1, 300).later(10**12))
+    files = f"{sequence / 'esvo.txt'} and {later}"
+    with pytest.raises(InputError, match=f"^{re.escape(files)}: {problem}"):
+        run(sequence / "esvo.txt", later, protocol=protocol)
+
+
 def test_options_are_checked():
     for step in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="--step"):

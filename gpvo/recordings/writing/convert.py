@@ -123,13 +123,15 @@ def _holds(calibration: Path, rig: StereoRig) -> bool:
     return calibration.is_file() and calibration.read_bytes() == camchain_text(rig).encode()
 
 
-def kind_of(output: Path) -> Kind:
-    """Return the format for the ending of a file's name."""
+def kind_of(output: Path, asked: bool = True) -> Kind:
+    """Return the format for the ending of a file's name; `asked` if there is an option --to."""
     if output.suffix not in ENDINGS:
         kinds = " or ".join(f"--to {kind}" for kind in get_args(Kind))
+        endings = ", ".join(ending for ending in ENDINGS if ending)
+        option = f", or give {kinds}; {', '.join(FOLDERS)} need a folder"
         raise InputError(
-            f"{output}: which format? its ending says nothing; give {kinds};"
-            f" {', '.join(FOLDERS)} need a folder"
+            f"{output}: which format? let its name end with one of {endings}"
+            f"{option if asked else ', or none for a folder in the format of DSEC'}"
         )
     return ENDINGS[output.suffix]
 
