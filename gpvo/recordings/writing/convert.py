@@ -93,17 +93,12 @@ def convert(
         raise InputError(f"--to {kind}: is unknown; choose one of {', '.join(get_args(Kind))}")
     calibration = camchain_path(output, kind)
     calibrated = recording.rig is not UNKNOWN_RIG
-    if output.exists():
-        raise InputError(f"{output}: exists; name another output or remove it")
     if calibrated and calibration.exists() and not _holds(calibration, recording.rig):
         raise InputError(
             f"{calibration}: exists, with another calibration; name another output or remove it"
         )
+    _make_place(output)
     part = output.with_name(output.name + ".part")
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{output}: cannot be written ({error.strerror or error})") from error
     try:
         counts = _write(recording, part, WRITERS[kind], advance)
         part.rename(output)
@@ -116,6 +111,16 @@ def convert(
         with suppress(OSError):
             _remove(part)
     return counts
+
+
+def _make_place(output: Path) -> None:
+    """Make the folder that an output is to be in; InputError if that cannot be, or it exists."""
+    if output.exists():
+        raise InputError(f"{output}: exists; name another output or remove it")
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{output}: cannot be written ({error.strerror or error})") from error
 
 
 def _holds(calibration: Path, rig: StereoRig) -> bool:
