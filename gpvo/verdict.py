@@ -47,7 +47,8 @@ class Verdict:
     ----------
     word
         good, degraded where a part is dead reckoning or the events are faulty, failed where most of
-        it is dead reckoning or a fault makes it wrong by more than its covariance says.
+        it is dead reckoning, it ends before what was measured, or a fault makes it wrong by more
+        than its covariance says.
     reasons
         What was seen, a line each; none for a good run.
     dead_reckoning
@@ -93,7 +94,7 @@ def verdict(
     deviation = _deviation(stretches, trajectory)
     known = f"; then the position is known to {deviation:.2f} m" if deviation else ""
     harm = tuple(f"{one.kind} from {one.t:.2f} s on" for one in faults if one.harms)
-    wrong = tuple(
+    wrong = _ends_early(reports, trajectory) + tuple(
         f"{one.kind}: wrong by more than the covariance says" for one in faults if one.fails
     )
     if share >= MOSTLY:
@@ -113,6 +114,17 @@ def _deviation(stretches: Sequence[Stretch], trajectory: Trajectory | None) -> f
     longest = max(stretches, key=lambda one: one.duration)
     stop = np.clip(longest.stop, trajectory.start, trajectory.stop)
     return float(np.sqrt(np.trace(trajectory.covariance(stop)[3:6, 3:6])))
+
+
+def _ends_early(reports: Sequence[ClusterReport], trajectory: Trajectory | None) -> tuple[str, ...]:
+    """Say where the trajectory ends if the estimator was given measurements long after."""
+    last = max((one.start for one in reports if one.measurements), default=-np.inf)
+    if trajectory is None or last - trajectory.stop <= SHORT:
+        return ()
+    return (
+        f"the trajectory ends at {trajectory.stop:.2f} s, the measurements at {last:.2f} s: they do"
+        " not fit the configuration's `noise`",
+    )
 
 
 def unmeasured(reports: Sequence[ClusterReport]) -> tuple[Stretch, ...]:

@@ -15,6 +15,7 @@ from scipy.stats import chi2
 from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
+from gpvo.config.stages.estimator import LEAST_NOISE
 from gpvo.errors import InputError
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import NumberedStates
@@ -94,7 +95,8 @@ def measurement_information(
         error = _residuals(measurements, motion, camera, information)
         square = error**2 @ information
         weight = 1.0 * (square < chi2.ppf(INLIERS, 3))
-        information = share * weight.sum() / np.sum(weight[:, None] * error**2, axis=0)
+        learned = share * weight.sum() / np.sum(weight[:, None] * error**2, axis=0)
+        information = np.clip(learned, LEAST_NOISE, 1 / LEAST_NOISE)
     return information
 
 
@@ -104,7 +106,8 @@ def tuned_noise(
     """Noise parameters learned from the measurements of clusters and the true motion."""
     measurements = Measurements.concatenate(clusters)
     information = measurement_information(measurements, motion, camera)
-    density = acceleration_psd(motion.t, motion.T_world_cam)
+    # A motion in a plane has no acceleration out of it.
+    density = np.maximum(acceleration_psd(motion.t, motion.T_world_cam), LEAST_NOISE)
     return NoiseConfig(
         acceleration_psd=tuple(density.tolist()),
         measurement_information=tuple(information.tolist()),

@@ -101,6 +101,25 @@ def test_unknown_preset_is_one_clear_error(preset: str, tmp_path: Path) -> None:
     assert "gpvo config" in message
 
 
+@pytest.mark.parametrize("number", ["0", "-1", "1e-30", "1e30", ".nan", ".inf"])
+@pytest.mark.parametrize(
+    ("field", "size"), [("acceleration_psd", 6), ("measurement_information", 3)]
+)
+def test_noise_outside_its_meaning_is_one_clear_error(
+    field: str, size: int, number: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "config.yaml"
+    file.write_text(f"noise: {{{field}: [{', '.join(['1.0'] * (size - 1) + [number])}]}}\n")
+    with pytest.raises(InputError, match=rf"noise\.{field}\.{size - 1}: Input should be"):
+        load_configuration(file)
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf")])
+def test_a_field_that_is_not_finite_is_an_error(number: float) -> None:
+    with pytest.raises(ValidationError, match="finite"):
+        NoiseConfig(initial_velocity=number)
+
+
 def test_misspelt_field_beside_a_preset_is_named() -> None:
     with pytest.raises(ValidationError) as error:
         Configuration.model_validate({"preset": "paper", "clustering": {"windw": 1}})

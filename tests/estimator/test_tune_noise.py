@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.simulated_tracklets import TrackletSimulation
 from gpvo.config import NoiseConfig
+from gpvo.config.stages.estimator import LEAST_NOISE
 from gpvo.errors import InputError
 from gpvo.estimator.noise_learning import (
     acceleration_psd,
@@ -46,6 +47,14 @@ def test_outliers_hardly_change_the_measurement_noise() -> None:
     assert np.allclose(
         measurement_information(dirty, motion, simulation.camera), expected, rtol=0.4
     )
+
+
+def test_a_motion_without_acceleration_still_gives_a_configuration() -> None:
+    rng, simulation = np.random.default_rng(3), TrackletSimulation(TRUE, per_cluster=20)
+    moving = simulation.motion(1.0, rng)
+    still = States(moving.t, np.tile(np.eye(4), (len(moving.t), 1, 1)), 0 * moving.twist)
+    clusters = [measurements for _, measurements in simulation.clusters(still, rng)]
+    assert tuned_noise(clusters, still, simulation.camera).acceleration_psd == (LEAST_NOISE,) * 6
 
 
 def test_true_poses_become_states_with_their_velocity() -> None:

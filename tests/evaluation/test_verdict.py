@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from gpvo.cluster_report import ClusterReport
 from gpvo.faults import Fault
 from gpvo.tracking import TrackingReport
+from gpvo.trajectory import Trajectory
 from gpvo.verdict import FEW, MOSTLY, verdict
 
 PERIOD = 0.05
@@ -117,3 +119,16 @@ def test_rest_is_no_dead_reckoning() -> None:
     still = TrackingReport(0, 0, 9, 9, at_rest=True)
     rest = [replace(one, tracking=still) for one in reports([0] * 60)]
     assert verdict(rest).word == "good"
+
+
+@pytest.mark.parametrize(("stop", "word"), [(0.0, "failed"), (1.0, "failed"), (2.9, "good")])
+def test_a_trajectory_that_ends_before_the_measurements_is_failed(stop: float, word: str) -> None:
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    nothing = np.empty(0)
+    path = Trajectory(
+        0, np.array([0.0, stop]), poses, np.zeros((2, 6)), np.ones(6), nothing, nothing
+    )
+    measured = [replace(one, measurements=90) for one in reports([150] * 60)]
+    found = verdict(measured, trajectory=path)
+    assert found.word == word
+    assert word == "good" or found.reasons[0].startswith(f"the trajectory ends at {stop:.2f} s")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from gpvo.config.stages.stage import StageConfig
 
-Vector3 = tuple[float, float, float]
-Vector6 = tuple[float, float, float, float, float, float]
+LEAST_NOISE = 1e-12
+"""Smallest density or information that still is a number beside others: a millionth, squared."""
+NoiseNumber = Annotated[float, Field(ge=LEAST_NOISE, le=1 / LEAST_NOISE)]
+Vector3 = tuple[NoiseNumber, NoiseNumber, NoiseNumber]
+Vector6 = tuple[NoiseNumber, NoiseNumber, NoiseNumber, NoiseNumber, NoiseNumber, NoiseNumber]
 
 
 class NoiseConfig(StageConfig):

@@ -6,6 +6,6 @@ from pydantic import BaseModel, ConfigDict
 
 
 class StageConfig(BaseModel):
-    """Base of the stages' models: immutable, and a misspelt field is an error."""
+    """Base of the stages' models: immutable; a misspelt field or a NaN is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
