@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gpvo.errors import InputError, about
 
 ROTATION_TOLERANCE = 1e-3
-"""Largest allowed entry of RᵀR - 1; files with four decimals pass."""
+"""Largest allowed entry of RᵀR - 1; files with four decimals pass. So for the last row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +41,12 @@ class StampedPoses:
             )
         if not np.isfinite(self.T_world_cam).all():
             raise InputError("poses must be finite numbers")
-        products = np.swapaxes(self.rotations, 1, 2) @ self.rotations
-        skewed = np.flatnonzero(np.abs(products - np.eye(3)).max(axis=(1, 2)) > ROTATION_TOLERANCE)
-        if len(skewed):
-            raise InputError(f"pose {skewed[0]} is no rigid transform: its rotation is skewed")
+        bent = np.flatnonzero(~is_rigid(self.T_world_cam))
+        if len(bent):
+            raise InputError(
+                f"pose {bent[0]} is no rigid transform: its rotation is skewed or mirrored, or its"
+                " last row not 0 0 0 1"
+            )
         late = np.flatnonzero(np.diff(self.stamps_ns) <= 0)
         if len(late):
             index = int(late[0]) + 1
@@ -131,6 +133,15 @@ class StampedPoses:
     def in_world(self, T_new_world: NDArray[np.float64]) -> StampedPoses:
         """Express the poses in another world frame, given T_new_world (4, 4)."""
         return StampedPoses(self.stamps_ns, T_new_world @ self.T_world_cam)
+
+
+def is_rigid(transforms: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which transforms (N, 4, 4) are a rotation, without mirror, and a translation."""
+    R = transforms[:, :3, :3]
+    skewed = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2))
+    last_row = np.abs(transforms[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1)
+    straight = np.maximum(skewed, last_row) <= ROTATION_TOLERANCE
+    return np.asarray(straight & (np.linalg.det(R) > 0.0))
 
 
 def rigid_transforms(

@@ -135,9 +135,11 @@ def test_what_cannot_be_read_is_named(poses, tmp_path):
     (tmp_path / "other.txt").write_text("1 2 3\n")
     (tmp_path / "kitti.txt").write_text(" ".join(["0"] * 12) + "\n1 2\n")
     (tmp_path / "flat.txt").write_text(" ".join(["0"] * 12) + "\n")
+    (tmp_path / "mirror.txt").write_text("1 0 0 0  0 1 0 0  0 0 -1 0\n" * 2)
     (tmp_path / "noise.bin").write_bytes(bytes(range(128, 256)))
     (tmp_path / "folder").mkdir()
-    for name in ("broken.bag", "other.txt", "kitti.txt", "flat.txt", "noise.bin", "folder", "none"):
+    texts = ("other.txt", "kitti.txt", "flat.txt", "mirror.txt")
+    for name in ("broken.bag", *texts, "noise.bin", "folder", "none"):
         with pytest.raises(InputError, match=name):
             load_poses(tmp_path / name)
 

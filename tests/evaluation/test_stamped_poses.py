@@ -45,6 +45,16 @@ def test_interpolation_does_not_extrapolate(random_walk):
         poses[:1].interpolate(poses.stamps_ns[:1])
 
 
+@pytest.mark.parametrize(
+    ("entry", "value"), [((2, 2), -1.0), ((0, 1), 0.1), ((3, 0), 0.5), ((3, 3), 2.0), ((3, 3), 0.0)]
+)
+def test_a_pose_that_is_no_rigid_transform_is_named(entry, value):
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[(1, *entry)] = value
+    with pytest.raises(InputError, match="pose 1 is no rigid transform"):
+        StampedPoses(np.arange(3), poses)
+
+
 def test_change_of_world_and_body_commute(random_walk, random_transform):
     poses, A, B = random_walk(2), random_transform(1), random_transform(2)
     one = poses.in_world(A).seen_from(B).T_world_cam
