@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any, get_args
 
 
 class InputError(ValueError):
@@ -27,3 +28,10 @@ def about(place: object) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{place}: {error}") from error
+
+
+def require_choice(argument: str, value: object, choices: Any) -> None:
+    """Raise InputError unless the value of an argument is one of a Literal's names."""
+    names = get_args(choices)
+    if value not in names:
+        raise InputError(f"{argument} {value}: is unknown; choose one of {', '.join(names)}")

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gpvo.errors import require_choice
 from gpvo.evaluation.metrics.alignment import AlignmentMethod, first_pose_alignment
 from gpvo.evaluation.metrics.association import common_interval, common_part
 from gpvo.evaluation.metrics.ate_rpe import (
@@ -153,8 +154,9 @@ def evaluate(
     Raises
     ------
     InputError
-        If the two have fewer than two stamps in common.
+        If the two have fewer than two stamps in common, or an argument names no choice.
     """
+    require_choice("truth_between", truth_between, Interpolation)
     if stamps_ns is None:
         stamps_ns = common_stamps(estimate, ground_truth, step)
     stamps = common_part(stamps_ns, estimate, ground_truth)

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from gpvo.errors import InputError
-from gpvo.evaluation import common_stamps, evaluate
+from gpvo.evaluation import common_stamps, evaluate, find_alignment, relative_pose_error
 from gpvo.evaluation.metrics.paper_errors import COMPONENTS, PaperStatistics
 from gpvo.evaluation.report.paper_tables import ErrorRow, evaluation_tables, global_error_table
 from gpvo.evaluation.report.table import Cell, ResultTable, to_html, to_latex, to_markdown, to_rich
@@ -31,6 +31,20 @@ def test_esvo_on_room1(shared, room1_truth, name, final_percent, rms, relative_r
     assert relative.rms == pytest.approx(relative_rms, abs=0.5e-4)
     assert evaluation.ate["se3"].translation.rmse == pytest.approx(ate, abs=0.005)
     assert evaluation.coverage == pytest.approx(0.98, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("argument", "ask"),
+    [
+        ("method", lambda poses: find_alignment(poses, poses, "Sim3")),
+        ("unit", lambda poses: relative_pose_error(poses, poses, 1.0, "s")),
+        ("aligned_at", lambda poses: evaluate(poses, poses, aligned_at="first")),
+        ("truth_between", lambda poses: evaluate(poses, poses, truth_between="GP")),
+    ],
+)
+def test_a_name_that_does_not_exist_is_told_with_the_choices(random_walk, argument, ask):
+    with pytest.raises(InputError, match=rf"{argument} .+: is unknown; choose one of \w+"):
+        ask(random_walk())
 
 
 def test_sampling_every_step_of_the_common_time(random_walk):

@@ -66,6 +66,15 @@ def test_tables_undo_the_distortion(rig: StereoRig) -> None:
         np.testing.assert_allclose(distort(camera, rays), raw, rtol=0, atol=2e-2)
 
 
+@pytest.mark.parametrize(
+    ("model", "coefficients", "told"),
+    [("fisheye", 0.0, "equidistant, radtan, none"), ("none", 0.1, "no coefficients")],
+)
+def test_a_lens_that_does_not_exist_is_refused(model: Any, coefficients: float, told: str) -> None:
+    with pytest.raises(InputError, match=f"distortion.*{told}"):
+        Camera((64, 48), np.array([40.0, 40, 32, 24]), model, np.full(4, coefficients), np.eye(3))
+
+
 def test_a_point_lies_on_one_rectified_row(rig: StereoRig) -> None:
     """Points projected to both raw images have disparity f b / Z and equal rectified rows."""
     content = camchain()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from factors.lie import se3_inverse
+from gpvo.errors import require_choice
 from gpvo.trajectory import StampedPoses
 from gpvo.trajectory.stamped_poses import rigid_transforms
 
@@ -45,7 +46,13 @@ def find_alignment(
         "yaw": first poses aligned, then least squares over translation and rotation about the
         world's z axis, for ground truths whose z is vertical; "first": the first poses coincide;
         "none": leave the estimate where it is.
+
+    Raises
+    ------
+    InputError
+        If there is no such method.
     """
+    require_choice("method", method, AlignmentMethod)
     if method == "none":
         return Alignment(np.eye(3), np.zeros(3))
     if method == "first":

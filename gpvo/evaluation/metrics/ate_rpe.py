@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from factors.lie import se3_inverse
-from gpvo.errors import InputError
+from gpvo.errors import InputError, require_choice
 from gpvo.evaluation.metrics.alignment import Alignment, AlignmentMethod, find_alignment
 from gpvo.evaluation.metrics.statistics import Statistics
 from gpvo.trajectory import StampedPoses
@@ -117,6 +117,7 @@ def pose_pairs(poses: StampedPoses, delta: float, unit: DeltaUnit, all_pairs: bo
 
 def pose_progress(poses: StampedPoses, unit: DeltaUnit) -> NDArray[np.float64]:
     """Return the distance (N,) from the first pose in frames, seconds or metres along the path."""
+    require_choice("unit", unit, DeltaUnit)
     if unit == "frames":
         return np.arange(len(poses), dtype=np.float64)
     if unit == "seconds":

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.lie import se3_inverse, se3_log
+from gpvo.errors import require_choice
 from gpvo.trajectory import StampedPoses
 
 Component = Literal["translation", "rotation", "se3"]
@@ -66,6 +67,7 @@ def relative_error(
         T_{k_gt,k} = 1, and only the step's own error counts. With "first pose" it is the error
         accumulated until t_k, which adds the drift's lever arm times the step's rotation.
     """
+    require_choice("aligned_at", aligned_at, FrameTransform)
     T_1_k, T_1_k_gt = from_first_pose(estimate), from_first_pose(ground_truth)
     if aligned_at == "step":
         T_gt_est = np.broadcast_to(np.eye(4), T_1_k[1:].shape)

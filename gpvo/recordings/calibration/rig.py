@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gpvo.errors import InputError, require_choice
+
 DistortionModel = Literal["equidistant", "radtan", "none"]
 
 
@@ -28,6 +30,11 @@ class Camera:
         "none".
     R_rect
         (3, 3) rotation that takes a point of the raw camera frame to the rectified one.
+
+    Raises
+    ------
+    InputError
+        If there is no such model, or "none" has coefficients.
     """
 
     resolution: tuple[int, int]
@@ -35,6 +42,14 @@ class Camera:
     distortion_model: DistortionModel
     distortion: NDArray[np.float64]
     R_rect: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        require_choice("distortion_model", self.distortion_model, DistortionModel)
+        if self.distortion_model == "none" and np.any(self.distortion):
+            raise InputError(
+                'distortion: distortion_model "none" has no coefficients; name the model or give'
+                " zeros"
+            )
 
     @property
     def K(self) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from gpvo.errors import InputError, OutputError
+from gpvo.errors import InputError, OutputError, require_choice
 from gpvo.recordings.base import Recording
 from gpvo.recordings.calibration.find import OWN
 from gpvo.recordings.calibration.rig import StereoRig
@@ -89,8 +89,7 @@ def convert(
     """
     output = Path(output)
     kind = kind or kind_of(output)
-    if kind not in WRITERS:
-        raise InputError(f"--to {kind}: is unknown; choose one of {', '.join(get_args(Kind))}")
+    require_choice("--to", kind, Kind)
     calibration = camchain_path(output, kind)
     calibrated = recording.rig is not UNKNOWN_RIG
     if calibrated and calibration.exists() and not _holds(calibration, recording.rig):
