@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.array_table import ArrayTable
-from gpvo.errors import InputError
+from gpvo.npz_file import Shape, read_npz
 
 Array = NDArray[np.float64]
 
@@ -26,6 +25,16 @@ PLY_TYPE = np.dtype(
     ]
 )
 PLY_NAMES = {"<f4": "float", "<f8": "double", "<i4": "int", "|u1": "uchar"}
+SHAPES: dict[str, Shape] = {
+    "landmark": ("N",),
+    "position": ("N", 3),
+    "covariance": ("N", 3, 3),
+    "measurements": ("N",),
+    "first_time": ("N",),
+    "last_time": ("N",),
+    "depth": ("N",),
+}
+"""Shapes of the arrays of a file."""
 CERTAIN, UNCERTAIN = (0, 114, 178), (230, 159, 0)
 """RGB of the most and of the least certain landmarks."""
 
@@ -77,11 +86,7 @@ class LandmarkMap(ArrayTable):
         InputError
             If the file is missing, damaged or no map.
         """
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                return LandmarkMap(*(file[field.name] for field in fields(LandmarkMap)))
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(f"{path}: is not a map that `gpvo run` saved ({error})") from error
+        return LandmarkMap(**read_npz(path, "a map that `gpvo run` saved", SHAPES))
 
     def write_ply(self, path: Path) -> None:
         """Write a binary PLY file, coloured by certainty, blue to yellow."""

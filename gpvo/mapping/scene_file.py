@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gpvo.errors import InputError
+from gpvo.npz_file import read_npz
 
 Array = NDArray[np.float64]
 
@@ -29,11 +28,8 @@ def read_scene(path: Path) -> Array:
     InputError
         If the file is not a scene.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return np.asarray(file["boxes"], np.float64)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: is not a scene that a simulation wrote ({error})") from error
+    arrays = read_npz(path, "a scene that a simulation wrote", {"boxes": ("B", 2, 3)})
+    return np.asarray(arrays["boxes"], np.float64)
 
 
 def scene_beside(result: Path, ground_truth: Path | None) -> Path | None:

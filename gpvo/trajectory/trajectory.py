@@ -5,8 +5,7 @@ Section III-C.2 of the paper.
 
 from __future__ import annotations
 
-import zipfile
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from factors import extrapolate, interpolate
 from factors.lie import se3_inverse
 from gpvo.config import NoiseConfig
 from gpvo.errors import InputError
+from gpvo.npz_file import Shape, read_npz
 from gpvo.trajectory.covariance_knots import CovarianceKnots
 from gpvo.trajectory.smooth_motion import velocity_scale
 from gpvo.trajectory.stamped_poses import StampedPoses
@@ -24,6 +24,18 @@ from gpvo.trajectory.tum import write_tum
 from gpvo.trajectory.whole_file import whole_file
 
 Array = NDArray[np.float64]
+
+SHAPES: dict[str, Shape] = {
+    "start_ns": (),
+    "t": ("K",),
+    "T_world_cam": ("K", 4, 4),
+    "twist": ("K", 6),
+    "qc": (6,),
+    "knots": ("M",),
+    "knot_covariance": ("M - 1", 24, 24),
+    "velocity_share": (),
+}
+"""Shapes of the arrays of a file; those of earlier versions have no `velocity_share`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,18 +182,20 @@ class Trajectory:
         InputError
             If the file is missing, damaged or not a trajectory.
         """
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                columns = {
-                    field.name: file[field.name]
-                    for field in fields(Trajectory)
-                    if field.name in file or field.default is MISSING
-                }
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(
-                f"{path}: is not a trajectory that `gpvo run` saved ({error})"
-            ) from error
-        return Trajectory(int(columns.pop("start_ns")), **columns)
+        what = "a trajectory that `gpvo run` saved"
+        columns = read_npz(path, what, SHAPES, optional=("velocity_share",))
+        start_ns, share = int(columns.pop("start_ns")), float(columns.pop("velocity_share", 1.0))
+        loaded = Trajectory(start_ns, **columns, velocity_share=share)
+        if not loaded._is_ordered():
+            raise InputError(f"{path}: is not {what} (its times or knots are not in order)")
+        return loaded
+
+    def _is_ordered(self) -> bool:
+        """Return whether times and knots increase, and knots are states that have covariances."""
+        known = len(self.knot_covariance) == max(len(self.knots) - 1, 0)
+        inside = np.isin(self.knots, np.arange(len(self))).all()
+        increase = (np.diff(self.t) > 0).all() and (np.diff(self.knots) > 0).all()
+        return bool(known and inside and increase and len(self) and np.isfinite(self.t).all())
 
     def _query(self, t: ArrayLike, extrapolation: bool) -> tuple[Array, Array]:
         times = self._checked(t, extrapolation)

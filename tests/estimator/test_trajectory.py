@@ -95,6 +95,7 @@ def test_save_and_load(trajectory: Trajectory, tmp_path: Path) -> None:
     trajectory.save(path)
     loaded = Trajectory.load(path)
     assert loaded.start_ns == trajectory.start_ns
+    assert isinstance(loaded.velocity_share, float)
     for name in ("t", "T_world_cam", "twist", "qc", "knots", "knot_covariance"):
         assert np.array_equal(getattr(loaded, name), getattr(trajectory, name))
     assert [file.name for file in tmp_path.iterdir()] == ["trajectory.npz"]
@@ -114,6 +115,28 @@ def test_an_archive_without_the_fields_is_one_clear_error(tmp_path: Path) -> Non
     path = tmp_path / "other.npz"
     np.savez(path, t=np.arange(3))
     with pytest.raises(InputError, match="start_ns"):
+        Trajectory.load(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "array"),
+    [
+        ("T_world_cam", np.zeros((2, 4, 4))),
+        ("twist", np.zeros(6)),
+        ("qc", np.array(["a"] * 6)),
+        ("start_ns", np.zeros(2)),
+        ("t", np.zeros(0)),
+        ("t", np.full(11, np.nan)),
+        ("knots", np.arange(90, 101)),
+        ("knot_covariance", np.zeros((3, 24, 24))),
+    ],
+)
+def test_arrays_that_do_not_fit_are_one_clear_error(
+    trajectory: Trajectory, tmp_path: Path, name: str, array: np.ndarray
+) -> None:
+    path = tmp_path / "trajectory.npz"
+    np.savez(path, **(vars(trajectory) | {name: array}))
+    with pytest.raises(InputError, match=r"trajectory\.npz: is not a trajectory that"):
         Trajectory.load(path)
 
 
