@@ -48,14 +48,16 @@ def read_tum(path: Path | str) -> StampedPoses:
     return parse_tum(text.splitlines(), str(path))
 
 
-def parse_tum(lines: Iterable[str], name: str) -> StampedPoses:
-    """Parse the lines of a TUM file; `name` is the file in error messages."""
+def parse_tum(lines: Iterable[str], name: str, unit_ns: int = 10**9) -> StampedPoses:
+    """Parse the lines of a TUM file; `name` is the file in error messages.
+
+    `unit_ns` is the unit of the stamps, nanoseconds.
+    """
     stamps: list[int] = []
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
-        fields = line.split("#", 1)[0].replace(",", " ").split()
-        if fields:
-            stamp, row = _parse_fields(fields, f"{name}:{number}")
+        if fields := text_fields(line):
+            stamp, row = _parse_fields(fields, f"{name}:{number}", unit_ns)
             if stamps and stamp <= stamps[-1]:
                 raise InputError(
                     f"{name}:{number}: the stamp {fields[0]} does not come after the one before;"
@@ -70,13 +72,18 @@ def parse_tum(lines: Iterable[str], name: str) -> StampedPoses:
     return StampedPoses(np.array(stamps, np.int64), rigid_transforms(rotations, values[:, :3]))
 
 
-def _parse_fields(fields: list[str], place: str) -> tuple[int, list[float]]:
+def text_fields(line: str) -> list[str]:
+    """Return the numbers of a line, between spaces or commas, without a comment."""
+    return line.split("#", 1)[0].replace(",", " ").split()
+
+
+def _parse_fields(fields: list[str], place: str, unit_ns: int) -> tuple[int, list[float]]:
     if len(fields) != 8:
         raise InputError(f"{place}: has {len(fields)} numbers where 't tx ty tz qx qy qz qw' has 8")
     try:
-        stamp, row = _nanoseconds(fields[0]), [float(field) for field in fields[1:]]
+        stamp, row = nanoseconds(fields[0], unit_ns), [float(field) for field in fields[1:]]
     except (ValueError, ArithmeticError) as error:
-        raise InputError(f"{place}: is not eight numbers, the first in seconds") from error
+        raise InputError(f"{place}: is not eight numbers, the first a time") from error
     if not np.isfinite(row).all():
         raise InputError(f"{place}: holds a number that is not finite")
     norm = float(np.linalg.norm(row[3:]))
@@ -85,9 +92,15 @@ def _parse_fields(fields: list[str], place: str) -> tuple[int, list[float]]:
     return stamp, row
 
 
-def _nanoseconds(seconds: str) -> int:
-    """Convert decimal seconds to the nearest nanosecond, without the rounding of a float."""
-    nanoseconds = Decimal(seconds) * 10**9
-    if not abs(nanoseconds) < 2**63:
-        raise ValueError("not a number of seconds since the epoch")
-    return int(nanoseconds.to_integral_value())
+def nanoseconds(stamp: str, unit_ns: int = 10**9) -> int:
+    """Convert a decimal stamp to the nearest nanosecond, without the rounding of a float.
+
+    Raises
+    ------
+    ValueError, ArithmeticError
+        If it is no number, or none since the epoch.
+    """
+    exact = Decimal(stamp) * unit_ns
+    if not abs(exact) < 2**63:
+        raise ValueError("not a time since the epoch")
+    return int(exact.to_integral_value())

@@ -51,6 +51,46 @@ def test_kitti_file(poses, tmp_path):
         load_poses(tmp_path / "00.txt")
 
 
+def write_kitti(folder, times):
+    poses = np.tile(np.eye(4)[:3].ravel(), (len(times), 1))
+    np.savetxt(folder / "00.txt", poses)
+    (folder / "times.txt").write_text("".join(f"{time}\n" for time in times))
+    return folder / "00.txt"
+
+
+def test_the_times_of_kitti_are_exact(tmp_path):
+    times = ["1600000000.123456789", "1600000000.123456790", "1.600000001e+09  # later"]
+    found = load_poses(write_kitti(tmp_path, times)).stamps_ns
+    assert (found - 1_600_000_000 * 10**9).tolist() == [123_456_789, 123_456_790, 10**9]
+
+
+@pytest.mark.parametrize(
+    "times", [["0", "nan"], ["0", "1e30"], ["0", "a"], ["0", "1 2"], ["1", "1"]]
+)
+def test_bad_times_of_kitti_are_named(tmp_path, times):
+    with pytest.raises(InputError, match=r"times\.txt: "):
+        load_poses(write_kitti(tmp_path, times))
+
+
+def test_no_times_of_kitti_are_named(tmp_path):
+    path = write_kitti(tmp_path, ["0", "1"])
+    (tmp_path / "times.txt").write_text("")
+    with pytest.raises(InputError, match=r"times\.txt: has 0 times for the 2 poses"):
+        load_poses(path)
+
+
+@pytest.mark.parametrize("between", [" ", ",", ", ", "\t"])
+@pytest.mark.parametrize("stamps", [(1.6e15, 1.6e15 + 2e5), (1.6e9, 1.6e9 + 0.2)])
+def test_stamps_as_numpy_writes_them(tmp_path, stamps, between):
+    """Seconds or microseconds, 1.6e+15, between commas or spaces."""
+    rows = np.zeros((2, 8))
+    rows[:, 0], rows[:, 7] = stamps, 1.0
+    np.savetxt(tmp_path / "poses.txt", rows, delimiter=between)
+    found = load_poses(tmp_path / "poses.txt")
+    assert found.stamps_ns[0] == 1_600_000_000_000_000_000
+    assert np.diff(found.stamps_ns)[0] == pytest.approx(200_000_000, abs=100)
+
+
 def test_mvsec_ground_truth_is_turned_into_the_rectified_camera(poses, tmp_path):
     R_rect = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_matrix()
     rig = SimpleNamespace(left=SimpleNamespace(R_rect=R_rect))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from gpvo.errors import InputError
 from gpvo.evaluation.poses.body_frames import body_to_left, raw_to_rectified
@@ -16,7 +17,7 @@ from gpvo.evaluation.poses.rosbag import read_pose_bag
 from gpvo.recordings import StereoRig
 from gpvo.recordings.bags.rosbag1 import RosBag1
 from gpvo.trajectory import StampedPoses, Trajectory
-from gpvo.trajectory.tum import parse_tum
+from gpvo.trajectory.tum import nanoseconds, parse_tum, text_fields
 
 KITTI_FRAME_NS = 100_000_000
 """Frame interval of KITTI's cameras (10 Hz), used if the poses have no times.txt beside them."""
@@ -129,12 +130,10 @@ def read_text_poses(path: Path) -> StampedPoses:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: is not a text file of poses") from error
     lines = _without_heading(lines)
-    rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    rows = [fields for line in lines if (fields := text_fields(line))]
     if rows and len(rows[0]) == 12:
-        return _read_kitti(path, lines)
-    if _in_microseconds(rows):
-        lines = [re.sub(r"^(\s*[\d.]+)", r"\1e-6", line) for line in lines]
-    return parse_tum(lines, str(path))
+        return _read_kitti(path, rows)
+    return parse_tum(lines, str(path), 1000 if _in_microseconds(rows) else 10**9)
 
 
 def _without_heading(lines: list[str]) -> list[str]:
@@ -155,9 +154,9 @@ def _in_microseconds(rows: list[list[str]]) -> bool:
     return len(stamps) > 1 and float(np.median(np.diff(stamps))) > LARGEST_STEP
 
 
-def _read_kitti(path: Path, lines: list[str]) -> StampedPoses:
+def _read_kitti(path: Path, rows: list[list[str]]) -> StampedPoses:
     try:
-        poses = np.loadtxt(lines, ndmin=2).reshape(-1, 3, 4)
+        poses = np.array(rows, np.float64).reshape(-1, 3, 4)
     except ValueError as error:
         raise InputError(f"{path}: is not a KITTI file, 12 numbers on every line") from error
     T_world_cam = np.zeros((len(poses), 4, 4))
@@ -166,18 +165,27 @@ def _read_kitti(path: Path, lines: list[str]) -> StampedPoses:
     return StampedPoses.read_from(str(path), _kitti_stamps(path, len(poses)), T_world_cam)
 
 
-def _kitti_stamps(path: Path, count: int) -> np.ndarray:
+def _kitti_stamps(path: Path, count: int) -> NDArray[np.int64]:
     """Return the stamps of times.txt beside the poses (seconds a line), or frames at 10 Hz."""
     times = path.with_name("times.txt")
     if not times.exists():
         return np.arange(count, dtype=np.int64) * KITTI_FRAME_NS
+    stamps_ns = _listed_stamps(times)
+    if len(stamps_ns) != count:
+        raise InputError(f"{times}: has {len(stamps_ns)} times for the {count} poses of {path}")
+    if (np.diff(stamps_ns) <= 0).any():
+        raise InputError(f"{times}: the times do not increase; give each pose its own")
+    return stamps_ns
+
+
+def _listed_stamps(times: Path) -> NDArray[np.int64]:
+    """Return the stamps of a file with seconds, one number a line, nanoseconds."""
     try:
-        seconds = np.loadtxt(times, ndmin=1)
-    except ValueError as error:
-        raise InputError(f"{times}: is not a list of times in seconds") from error
-    if seconds.shape != (count,):
-        raise InputError(f"{times}: has {len(seconds)} times for the {count} poses of {path}")
-    return np.round(seconds * 1e9).astype(np.int64)
+        lines = times.read_text(encoding="utf-8-sig").splitlines()
+        rows = [fields for line in lines if (fields := text_fields(line))]
+        return np.array([nanoseconds(" ".join(fields)) for fields in rows], np.int64)
+    except (OSError, ValueError, ArithmeticError) as error:
+        raise InputError(f"{times}: is not a list of times in seconds, one a line") from error
 
 
 def read_mvsec_poses(path: Path, rig: StereoRig | None) -> StampedPoses:
