@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gpvo.errors import require_choice
+from gpvo.errors import InputError, require_choice
 from gpvo.evaluation.metrics.alignment import AlignmentMethod, first_pose_alignment
 from gpvo.evaluation.metrics.association import common_interval, common_part
 from gpvo.evaluation.metrics.ate_rpe import (
@@ -185,6 +185,8 @@ def common_stamps(
     estimate: StampedPoses, ground_truth: StampedPoses, step: float = 0.01
 ) -> NDArray[np.int64]:
     """Return stamps every `step` seconds of the common time, without its end."""
+    if not 1e-9 <= step <= 1e9:
+        raise InputError(f"step {step}: must be seconds between two stamps, 1e-9 to 1e9")
     start, stop = common_interval(estimate, ground_truth)
     return np.arange(start, stop, round(step * 1e9), dtype=np.int64)
 

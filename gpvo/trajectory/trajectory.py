@@ -159,8 +159,11 @@ class Trajectory:
         return self.start_ns + np.rint(np.asarray(t, np.float64) * 1e9).astype(np.int64)
 
     def stamped_poses(self, t: ArrayLike | None = None) -> StampedPoses:
-        """Return the poses at times t (N,), by default at the states, with absolute stamps."""
-        times = self.t if t is None else np.asarray(t, np.float64)
+        """Return the poses at times t (N,), by default at the states, with absolute stamps.
+
+        A single time gives one pose.
+        """
+        times = self.t if t is None else np.atleast_1d(np.asarray(t, np.float64))
         return StampedPoses(self.stamps_ns(times), self.pose(times))
 
     def export_tum(self, path: Path | str, t: ArrayLike | None = None) -> None:

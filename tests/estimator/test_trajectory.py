@@ -90,6 +90,12 @@ def test_a_state_between_others_changes_nothing() -> None:
         assert np.allclose(before, after, atol=1e-9)
 
 
+def test_a_single_time_is_one_stamped_pose(trajectory: Trajectory) -> None:
+    stamped = trajectory.stamped_poses(0.1)
+    assert stamped.stamps_ns.tolist() == [trajectory.start_ns + 100_000_000]
+    assert np.array_equal(stamped.T_world_cam[0], trajectory.pose(0.1))
+
+
 def test_save_and_load(trajectory: Trajectory, tmp_path: Path) -> None:
     path = tmp_path / "trajectory.npz"
     trajectory.save(path)

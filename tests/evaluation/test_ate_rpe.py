@@ -42,7 +42,10 @@ def test_overlapping_pairs_are_nearest_by_exhaustive_search(random_walk):
     assert list(zip(first, last, strict=True)) == expected
 
 
-@pytest.mark.parametrize(("delta", "unit"), [(0.0, "metres"), (-1.0, "seconds"), (1.5, "frames")])
+@pytest.mark.parametrize(
+    ("delta", "unit"),
+    [(0.0, "metres"), (-1.0, "seconds"), (1.5, "frames"), (np.inf, "frames"), (np.inf, "metres")],
+)
 def test_impossible_distances_are_rejected(random_walk, delta, unit):
     with pytest.raises(InputError, match="RPE over"):
         relative_pose_error(random_walk(), random_walk(), delta, unit)

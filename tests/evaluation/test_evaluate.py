@@ -9,7 +9,17 @@ import pytest
 from rich.console import Console
 
 from gpvo.errors import InputError
-from gpvo.evaluation import common_stamps, evaluate, find_alignment, relative_pose_error
+from gpvo.evaluation import (
+    absolute_trajectory_error,
+    common_stamps,
+    evaluate,
+    find_alignment,
+    global_error,
+    relative_error,
+    relative_pose_error,
+)
+from gpvo.evaluation.metrics.association import associate
+from gpvo.evaluation.metrics.frame_and_clock_offsets import find_body_offset, find_time_offset
 from gpvo.evaluation.metrics.paper_errors import COMPONENTS, PaperStatistics
 from gpvo.evaluation.report.paper_tables import ErrorRow, evaluation_tables, global_error_table
 from gpvo.evaluation.report.table import Cell, ResultTable, to_html, to_latex, to_markdown, to_rich
@@ -45,6 +55,44 @@ def test_esvo_on_room1(shared, room1_truth, name, final_percent, rms, relative_r
 def test_a_name_that_does_not_exist_is_told_with_the_choices(random_walk, argument, ask):
     with pytest.raises(InputError, match=rf"{argument} .+: is unknown; choose one of \w+"):
         ask(random_walk())
+
+
+@pytest.mark.parametrize("step", [0.0, -0.01, 1e-12, np.nan, np.inf, 1e300])
+def test_a_step_that_is_none_is_refused(random_walk, step):
+    with pytest.raises(InputError, match=r"step .*: must be seconds"):
+        evaluate(random_walk(), random_walk(), step=step)
+
+
+@pytest.mark.parametrize("compare", [evaluate, associate, find_time_offset])
+@pytest.mark.parametrize("kept", [(0, 9), (9, 0), (0, 0)])
+def test_no_poses_are_told(random_walk, compare, kept):
+    estimate, truth = (random_walk()[:count] for count in kept)
+    with pytest.raises(InputError, match="no time"):
+        compare(estimate, truth)
+
+
+@pytest.mark.parametrize(
+    "compare",
+    [
+        absolute_trajectory_error,
+        relative_pose_error,
+        global_error,
+        relative_error,
+        find_alignment,
+        find_body_offset,
+    ],
+)
+@pytest.mark.parametrize("kept", [(0, 0), (1, 9), (8, 9)])
+def test_poses_that_are_not_associated_are_refused(random_walk, compare, kept):
+    estimate, truth = (random_walk()[:count] for count in kept)
+    with pytest.raises(InputError, match=rf"{kept[0]} and {kept[1]} .*cannot be compared"):
+        compare(estimate, truth)
+
+
+@pytest.mark.parametrize("most", [-1.0, 0.0, np.nan, np.inf])
+def test_a_reach_of_the_clocks_that_is_none_is_refused(random_walk, most):
+    with pytest.raises(InputError, match="max_offset"):
+        find_time_offset(random_walk(), random_walk(), most)
 
 
 def test_sampling_every_step_of_the_common_time(random_walk):

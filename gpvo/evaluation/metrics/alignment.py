@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from factors.lie import se3_inverse
 from gpvo.errors import require_choice
+from gpvo.evaluation.metrics.association import require_associated
 from gpvo.trajectory import StampedPoses
 from gpvo.trajectory.stamped_poses import rigid_transforms
 
@@ -50,9 +51,10 @@ def find_alignment(
     Raises
     ------
     InputError
-        If there is no such method.
+        If there is no such method, or the numbers of poses differ.
     """
     require_choice("method", method, AlignmentMethod)
+    require_associated(estimate, ground_truth)
     if method == "none":
         return Alignment(np.eye(3), np.zeros(3))
     if method == "first":

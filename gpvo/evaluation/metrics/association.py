@@ -48,6 +48,16 @@ def associate(
     return (chosen_long, chosen_short) if truth_is_shorter else (chosen_short, chosen_long)
 
 
+def require_associated(*series: StampedPoses) -> None:
+    """Raise InputError unless all have as many poses, at least one."""
+    counts = [len(poses) for poses in series]
+    if 0 in counts or len(set(counts)) > 1:
+        raise InputError(
+            f"{' and '.join(map(str, counts))} poses cannot be compared one by one; interpolate"
+            " them at the same stamps, or associate them"
+        )
+
+
 def nearest_indices(stamps: NDArray[np.int64], among: NDArray[np.int64]) -> NDArray[np.intp]:
     """Return the indices of the nearest stamps in increasing `among`; of a tie the earlier one."""
     above = np.clip(np.searchsorted(among, stamps), 0, len(among) - 1)
@@ -87,6 +97,11 @@ def common_part(
 
 def common_interval(estimate: StampedPoses, ground_truth: StampedPoses) -> tuple[int, int]:
     """Return the first and last stamp of the common time, nanoseconds."""
+    if not (len(estimate) and len(ground_truth)):
+        raise InputError(
+            f"nothing to compare: the estimate covers {interval_text(estimate)} and the ground"
+            f" truth {interval_text(ground_truth)}"
+        )
     start = max(estimate.stamps_ns[0], ground_truth.stamps_ns[0])
     stop = min(estimate.stamps_ns[-1], ground_truth.stamps_ns[-1])
     return int(start), int(stop)
@@ -94,4 +109,6 @@ def common_interval(estimate: StampedPoses, ground_truth: StampedPoses) -> tuple
 
 def interval_text(poses: StampedPoses) -> str:
     """Format the first and last stamp for error messages."""
+    if len(poses) == 0:
+        return "no time"
     return f"{seconds_text(poses.stamps_ns[0])} to {seconds_text(poses.stamps_ns[-1])} s"

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from factors.lie import se3_inverse
 from gpvo.errors import InputError, require_choice
 from gpvo.evaluation.metrics.alignment import Alignment, AlignmentMethod, find_alignment
+from gpvo.evaluation.metrics.association import require_associated
 from gpvo.evaluation.metrics.statistics import Statistics
 from gpvo.trajectory import StampedPoses
 
@@ -59,7 +60,13 @@ def absolute_trajectory_error(
         Poses with the same stamps, or associated, N each.
     alignment
         Method of `find_alignment`, or an alignment found before.
+
+    Raises
+    ------
+    InputError
+        If the numbers of poses differ or are zero.
     """
+    require_associated(estimate, ground_truth)
     if not isinstance(alignment, Alignment):
         alignment = find_alignment(estimate, ground_truth, alignment)
     aligned = alignment.apply(estimate)
@@ -87,8 +94,15 @@ def relative_pose_error(
         Whether overlapping pairs start at every pose, or each pair where the previous one ends.
     pairs_from
         Trajectory whose stamps and path choose the pairs, the ground truth by default.
+
+    Raises
+    ------
+    InputError
+        If the numbers of poses differ or are zero, or the distance is none.
     """
-    first, last = pose_pairs(pairs_from or ground_truth, delta, unit, all_pairs)
+    pairs_from = ground_truth if pairs_from is None else pairs_from
+    require_associated(estimate, ground_truth, pairs_from)
+    first, last = pose_pairs(pairs_from, delta, unit, all_pairs)
     motion = relative_motions(estimate, first, last)
     true_motion = relative_motions(ground_truth, first, last)
     return TrajectoryError.of(se3_inverse(true_motion) @ motion)
@@ -107,8 +121,10 @@ def pose_pairs(poses: StampedPoses, delta: float, unit: DeltaUnit, all_pairs: bo
     Overlapping pairs may differ from `delta` by a tenth (frames: not at all); chained ones take
     the first pose that is at least `delta` away.
     """
-    if not delta > 0.0 or (unit == "frames" and delta != int(delta)):
-        raise InputError(f"RPE over {delta} {unit}: needs a positive (for frames: whole) number")
+    if not 0.0 < delta < np.inf or (unit == "frames" and delta % 1.0):
+        raise InputError(
+            f"RPE over {delta} {unit}: needs a positive, finite (for frames: whole) number"
+        )
     progress = pose_progress(poses, unit)
     if all_pairs:
         return _overlapping_pairs(progress, delta, 0.0 if unit == "frames" else 0.1 * delta)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
 from gpvo.evaluation.metrics.alignment import nearest_rotation, umeyama_alignment
-from gpvo.evaluation.metrics.association import interval_text
+from gpvo.evaluation.metrics.association import interval_text, require_associated
 from gpvo.evaluation.metrics.ate_rpe import relative_motions, rotation_angles
 from gpvo.trajectory import StampedPoses
 
@@ -33,6 +33,8 @@ def find_time_offset(
     InputError
         If they have less than a second in common, or no offset within `max_offset` fits best.
     """
+    if not 0.0 < max_offset < np.inf:
+        raise InputError(f"max_offset {max_offset}: must be a positive, finite number of seconds")
     span_ns = _span(estimate, ground_truth)
     stamps, true_sizes = _motion_sizes(ground_truth, span_ns)
     own_stamps, sizes = _motion_sizes(estimate, span_ns)
@@ -60,8 +62,15 @@ def find_time_offset(
 
 def _span(estimate: StampedPoses, ground_truth: StampedPoses) -> int:
     """Return 0.1 s or two intervals of the sparser trajectory, in ns; an even number of samples."""
+    for poses in (estimate, ground_truth):
+        _require_time(poses, len(poses) > 1)
     interval = max(np.median(np.diff(poses.stamps_ns)) for poses in (estimate, ground_truth))
     return 2 * SAMPLE_NS * round(max(100_000_000, 2 * interval) / (2 * SAMPLE_NS))
+
+
+def _require_time(poses: StampedPoses, is_long: bool) -> None:
+    if not is_long:
+        raise InputError(f"a trajectory of {interval_text(poses)} is too short for a time offset")
 
 
 def _motion_sizes(
@@ -70,8 +79,7 @@ def _motion_sizes(
     """Return middle stamps, rotation angles and translation norms of steps of `span_ns`."""
     stamps = np.arange(poses.stamps_ns[0], poses.stamps_ns[-1] + 1, SAMPLE_NS)
     span = span_ns // SAMPLE_NS
-    if len(stamps) <= span:
-        raise InputError(f"a trajectory of {interval_text(poses)} is too short for a time offset")
+    _require_time(poses, len(stamps) > span)
     first = np.arange(len(stamps) - span)
     motions = relative_motions(poses.interpolate(stamps), first, first + span)
     sizes = (rotation_angles(motions), np.linalg.norm(motions[:, :3, 3], axis=1))
@@ -101,6 +109,7 @@ def find_body_offset(
         Fit the translation between the bodies too, jointly with the alignment of the worlds, in
         the directions that rotation makes observable. Otherwise the bodies share their origin.
     """
+    require_associated(estimate, ground_truth)
     R_truth_world = umeyama_alignment(estimate.positions, ground_truth.positions).rotation
     offset = np.eye(4)
     if lever_arm:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_inverse, se3_log
 from gpvo.errors import require_choice
+from gpvo.evaluation.metrics.association import require_associated
 from gpvo.trajectory import StampedPoses
 
 Component = Literal["translation", "rotation", "se3"]
@@ -48,6 +49,7 @@ def global_error(estimate: StampedPoses, ground_truth: StampedPoses) -> PoseErro
     Both must have the same stamps. With the worlds aligned at the first pose, T_{k_gt,k} is the
     whole error at t_k and the equation reduces to its logarithm.
     """
+    require_associated(estimate, ground_truth)
     T_1_k, T_1_k_gt = from_first_pose(estimate), from_first_pose(ground_truth)
     T_gt_est = se3_inverse(T_1_k_gt) @ T_1_k
     return PoseErrors(err(T_1_k, T_1_k_gt, T_gt_est), motion_integrals(ground_truth))
@@ -68,6 +70,7 @@ def relative_error(
         accumulated until t_k, which adds the drift's lever arm times the step's rotation.
     """
     require_choice("aligned_at", aligned_at, FrameTransform)
+    require_associated(estimate, ground_truth)
     T_1_k, T_1_k_gt = from_first_pose(estimate), from_first_pose(ground_truth)
     if aligned_at == "step":
         T_gt_est = np.broadcast_to(np.eye(4), T_1_k[1:].shape)
