@@ -21,6 +21,7 @@ from rosbags.highlevel import AnyReader
 
 from gpvo.errors import InputError, OutputError
 from gpvo.recordings import Recording, open_recording
+from gpvo.recordings.files.text_layout import text_layout
 from gpvo.recordings.streams import EventBlock
 from gpvo.recordings.writing.bags import cdr_event_array, ros1_event_array
 from gpvo.recordings.writing.convert import WRITERS, convert
@@ -67,6 +68,16 @@ def test_round_trips(tmp_path: Path, recording: Recording, kind: str, second: st
         assert (microseconds(rows.t_ns) * 1000 == rows.t_ns).all()
     np.testing.assert_array_equal(converted.rig.tables, recording.rig.tables)
     assert not list(tmp_path.glob("*/*.part"))
+
+
+@pytest.mark.parametrize("kind", ["text", "csv"])
+def test_text_names_its_columns_and_their_unit(
+    tmp_path: Path, recording: Recording, kind: str
+) -> None:
+    convert(recording, tmp_path / "a", kind)
+    (left,) = (tmp_path / "a").glob("left.*")
+    layout = text_layout(left)
+    assert layout is not None and layout.is_named
 
 
 def test_outputs_that_cannot_be(tmp_path: Path, recording: Recording) -> None:

@@ -77,10 +77,11 @@ def found_unit(blocks: Sequence[Array]) -> str:
     runs for a quarter of an hour would be seconds of 2001. Else it is the one in which rate,
     resolution and duration are usual.
     """
-    middle, whole_span = float(np.median(blocks[0])), blocks[-1].max() - blocks[0].min()
+    middle = float(np.median(blocks[0]))
+    whole_span = np.quantile(blocks[-1], MOST) - np.quantile(blocks[0], 1 - MOST)
     steps = np.concatenate([np.diff(block) for block in blocks])
     steps = np.abs(steps[steps != 0])
-    spans = [block.max() - block.min() for block in blocks if len(block) > 1]
+    spans = [_span(block) for block in blocks if len(block) > 1]
     rate = sum(map(len, blocks)) / sum(spans) if sum(spans) > 0 else np.inf
     for unit, length in NANOSECONDS.items():
         since_1970 = SINCE_1970[0] <= middle * length / 1e9 <= SINCE_1970[1]
@@ -90,9 +91,15 @@ def found_unit(blocks: Sequence[Array]) -> str:
         return "s"
     tick = float(np.quantile(steps, 0.05))
     strange = {unit: _strangeness(rate, tick, whole_span, ns) for unit, ns in NANOSECONDS.items()}
-    whole = all((block == np.rint(block)).all() for block in blocks)
+    whole = _are_whole(np.concatenate(blocks), -np.inf, np.inf)
     strange["s"] += UNUSUAL if whole else -UNUSUAL
     return min(strange, key=lambda unit: strange[unit])
+
+
+def _span(times: Array) -> float:
+    """Return the time between the first and the last, but for a few that are far off."""
+    first, last = np.quantile(times, [1 - MOST, MOST])
+    return float(last - first) / (2 * MOST - 1) or float(times.max() - times.min())
 
 
 def _strangeness(rate: float, tick: float, span: float, length: int) -> float:
@@ -105,7 +112,7 @@ def _is_usual(table: Array) -> bool:
     t, *rest = table.T
     if len(rest) != 3 or (np.diff(t) < 0).mean() > DISORDER or (len(t) > 1 and t[-1] < t[0]):
         return False
-    return _are_pixels(rest[0]) and _are_pixels(rest[1]) and _are_whole(rest[2], -1, 1)
+    return _are_pixels(rest[0]) and _are_pixels(rest[1]) and are_polarities(rest[2])
 
 
 def _rises(column: Array) -> bool:
@@ -124,6 +131,11 @@ def _counts_rows(column: Array) -> bool:
 def _are_whole(column: Array, least: float, most: float) -> bool:
     inside = (column == np.rint(column)) & (column >= least) & (column <= most)
     return bool(inside.mean() >= MOST)
+
+
+def are_polarities(column: Array) -> bool:
+    """Return whether a column holds polarities: -1, 0 or 1."""
+    return _are_whole(column, -1, 1)
 
 
 def _are_pixels(column: Array) -> bool:

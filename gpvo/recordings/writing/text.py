@@ -24,7 +24,7 @@ class TextWriter(RecordingWriter):
 
     def head(self, size: Size) -> str:
         """Return the first lines."""
-        return (f"# geometry:{size[0]},{size[1]}\n" if all(size) else "") + "# t x y polarity\n"
+        return (f"# geometry:{size[0]},{size[1]}\n" if all(size) else "") + "# t[s] x y polarity\n"
 
     def lines(self, block: EventBlock) -> str:
         """Return the events' lines."""
