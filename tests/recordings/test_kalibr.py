@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from recording_files import camchain
+from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
 from gpvo.recordings import Camera, StereoRig, open_recording, read_kalibr
@@ -167,6 +168,13 @@ def beside(x: float, y: float, z: float = 0.0) -> list[list[float]]:
     return [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]]
 
 
+def turned(axis: str, degrees: float) -> list[list[float]]:
+    """Return T_cn_cnm1 of a right camera that is turned about one of the left one's axes."""
+    T = np.array(beside(-0.1, 0.0))
+    T[:3, :3] = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+    return T.tolist()
+
+
 def radtan(x: float, y: float, z: float) -> dict[str, Any]:
     """Return a camchain of parallel pinhole cameras, the right one moved by T_cn_cnm1."""
     content = edited("cam1", "T_cn_cnm1", beside(x, y, z))
@@ -199,6 +207,17 @@ FAULTS = [
     (edited("cam0", "intrinsics", [40.0, [1.0], 32.0, 24.0]), "cam0/intrinsics"),
     (edited("cam0", "intrinsics", [0.0, 40.0, 32.0, 24.0]), "cam0/intrinsics"),
     (edited("cam0", "intrinsics", None), "cam0/intrinsics"),
+    (
+        edited("cam0", "intrinsics", [1e-3, 1e-3, 32.0, 24.0]),
+        "cam0/intrinsics has the focal length",
+    ),
+    (
+        edited("cam1", "intrinsics", [1e30, 1e30, 32.0, 24.0]),
+        "cam1/intrinsics has the focal length",
+    ),
+    (edited("cam1", "intrinsics", [42.0, 42.0, 3200.0, 24.0]), "cam1/intrinsics has the principal"),
+    (edited("cam1", "T_cn_cnm1", turned("y", 180)), "cam1/T_cn_cnm1 turns the left camera by"),
+    (edited("cam1", "T_cn_cnm1", turned("x", 90)), "cam1/T_cn_cnm1 turns the left camera by 45"),
     (edited("cam1", "resolution", [64.5, 48]), "cam1/resolution"),
     (edited("cam1", "resolution", [0, 48]), "cam1/resolution"),
     (edited("cam1", "resolution", [64, 1e9]), "cam1/resolution"),
@@ -211,12 +230,26 @@ FAULTS = [
     (radtan(0.0, 0.0, -0.1), "cam1/T_cn_cnm1 does not place"),
     (radtan(-0.1, 0.0, -0.2), "cam1/T_cn_cnm1 does not place"),
     (edited("cam0", "rectification_matrix", np.eye(3).tolist()), "cam1/rectification_matrix"),
+    (rectified("cam1", "rectification_matrix", np.diag([-1, 1, -1]).tolist()), "camera by 180"),
     (rectified("cam0", "rectification_matrix", np.ones((3, 3)).tolist()), "cam0/rectification"),
     (rectified("cam0", "rectification_matrix", (-np.eye(3)).tolist()), "cam0/rectification"),
     (rectified("cam1", "projection_matrix", np.eye(3).tolist()), "cam1/projection_matrix"),
     (rectified("cam1", "projection_matrix", OTHER_F), "cam1/projection_matrix does not give"),
     (rectified("cam1", "projection_matrix", NOT_RIGHT), "cam1/projection_matrix gives no"),
 ]
+
+
+@pytest.mark.parametrize(
+    ("f", "cx", "problem"), [(20.0, 3200.0, "0 % of the left camera's pixels"), (0.1, 32.0, "0.1 ")]
+)
+def test_projections_that_show_nothing_are_refused(
+    write_camchain: Write, f: float, cx: float, problem: str
+) -> None:
+    content = rectified("cam0", "resolution", [64, 48])
+    for camera, offset in zip(content.values(), (0.0, -0.1 * f), strict=True):
+        camera["projection_matrix"] = [[f, 0, cx, offset], [0, f, 24.0, 0], [0, 0, 1.0, 0]]
+    with pytest.raises(InputError, match=f"cam1/projection_matrix .*{problem}"):
+        read_kalibr(write_camchain(content))
 
 
 @pytest.mark.parametrize(("content", "problem"), FAULTS, ids=range(len(FAULTS)))

@@ -51,13 +51,13 @@ def _camera(value: Fields, number: int) -> Camera:
     if fields.get("camera_type") != "kb4":
         fields.fail("camera_type", f"is {fields.values['camera_type']!r}; only kb4 is known")
     numbers = _numbers(fields.mapping("intrinsics"), KB4)
-    if not (numbers[:2] > 0.0).all():
-        fields.fail("intrinsics", "has a focal length that is not positive")
     sizes = value.get("resolution")
     if not isinstance(sizes, list) or number >= len(sizes):
         value.fail("resolution", f"has no camera {number}")
     size = Fields(value.path, f"{value.name}/resolution", {number: sizes[number]}, EXPECTED)
-    return Camera(size.resolution(number), numbers[:4], "equidistant", numbers[4:], np.eye(3))
+    resolution = size.resolution(number)
+    fields.check_lens("intrinsics", numbers[:4], resolution)
+    return Camera(resolution, numbers[:4], "equidistant", numbers[4:], np.eye(3))
 
 
 def _list(value: Fields, field: str) -> list[Fields]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -102,12 +101,9 @@ def _camera(fields: Fields) -> Camera:
     # Only these four are read: one of ESVO's files has a damaged last row.
     numbers = _data(fields, "camera_matrix", (9,))
     intrinsics = numbers[[0, 4, 2, 5]]
-    if not (intrinsics[:2] > 0.0).all():
-        fields.fail("camera_matrix", "has a focal length that is not positive")
-    return replace(
-        Camera(_resolution(fields), intrinsics, model, np.zeros(4), np.eye(3)),
-        distortion=_distortion(fields, model),
-    )
+    resolution = _resolution(fields)
+    fields.check_lens("camera_matrix", intrinsics, resolution)
+    return Camera(resolution, intrinsics, model, _distortion(fields, model), np.eye(3))
 
 
 def _distortion(fields: Fields, model: DistortionModel) -> NDArray[np.float64]:

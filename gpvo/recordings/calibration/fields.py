@@ -24,6 +24,12 @@ COEFFICIENTS: dict[DistortionModel, tuple[int, ...]] = {
 LARGEST_SIDE = 65535
 """Pixels; columns and rows are uint16."""
 
+SHORTEST_FOCAL, LONGEST_FOCAL = 0.05, 1000.0
+"""Focal lengths of lenses, in sides of the picture: that of a fisheye is 0.2, of telescopes 100."""
+
+OUTSIDE = 1.0
+"""How far outside a picture the principal point may be, in sides: sensors may be read in part."""
+
 
 @dataclass(frozen=True)
 class Fields:
@@ -86,10 +92,7 @@ class Fields:
 
     def intrinsics(self, field: str) -> NDArray[np.float64]:
         """Return fx, fy, cx, cy in pixels."""
-        numbers = self.array(field, (4,))
-        if not (numbers[:2] > 0.0).all():
-            self.fail(field, "has a focal length that is not positive")
-        return numbers
+        return self.array(field, (4,))
 
     def resolution(self, field: Any) -> tuple[int, int]:
         """Return width and height in pixels."""
@@ -98,6 +101,17 @@ class Fields:
             if not (1 <= size <= LARGEST_SIDE and size == int(size)):
                 self.fail(field, "must be width and height in whole pixels")
         return int(width), int(height)
+
+    def check_lens(
+        self, field: Any, intrinsics: NDArray[np.float64], resolution: tuple[int, int]
+    ) -> None:
+        """Raise InputError unless focal lengths and principal point fit the resolution."""
+        size = f"for {resolution[0]} x {resolution[1]} pixels; give it in pixels"
+        focal = intrinsics[:2] / max(resolution)
+        if not ((focal >= SHORTEST_FOCAL) & (focal <= LONGEST_FOCAL)).all():
+            self.fail(field, f"has the focal length {intrinsics[0]:g}, {intrinsics[1]:g} {size}")
+        if (np.abs(intrinsics[2:] / resolution - 0.5) > 0.5 + OUTSIDE).any():
+            self.fail(field, f"has the principal point {intrinsics[2]:g}, {intrinsics[3]:g} {size}")
 
     def distortion(self) -> tuple[DistortionModel, NDArray[np.float64]]:
         """Return distortion_model and distortion_coeffs, named as in kalibr."""
@@ -113,7 +127,9 @@ class Fields:
         """Return one camera, not rectified yet, from fields named as in kalibr."""
         K = self.intrinsics(intrinsics)
         model, distortion = self.distortion()
-        return Camera(self.resolution("resolution"), K, model, distortion, np.eye(3))
+        resolution = self.resolution("resolution")
+        self.check_lens(intrinsics, K, resolution)
+        return Camera(resolution, K, model, distortion, np.eye(3))
 
 
 def load_fields(path: Path, expected: str = "a kalibr camchain") -> Fields:

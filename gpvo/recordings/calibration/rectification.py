@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.recordings.calibration.fields import Fields
+from gpvo.recordings.calibration.plausible import check_rig
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 
 Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -67,4 +68,6 @@ def projected_rig(
     if baseline > LONGEST:
         fields.fail(source, f"gives a baseline of {baseline:g} m: lengths must be in metres")
     left, right = replace(left, R_rect=R_rect[0]), replace(right, R_rect=R_rect[1])
-    return StereoRig(left, right, f, (cx, cy), baseline)
+    rig = StereoRig(left, right, f, (cx, cy), baseline)
+    check_rig(rig, fields, source)
+    return rig
