@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from factors import StereoCamera
 from factors.lie import se3_inverse, se3_log
 from gpvo.config.stages import EstimatorConfig, NoiseConfig
-from gpvo.config.stages.estimator import LEAST_NOISE
+from gpvo.config.stages.estimator import LEAST_NOISE, MOST_NOISE
 from gpvo.errors import InputError
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import NumberedStates
@@ -96,7 +96,7 @@ def measurement_information(
         square = error**2 @ information
         weight = 1.0 * (square < chi2.ppf(INLIERS, 3))
         learned = share * weight.sum() / np.sum(weight[:, None] * error**2, axis=0)
-        information = np.clip(learned, LEAST_NOISE, 1 / LEAST_NOISE)
+        information = np.clip(learned, LEAST_NOISE, MOST_NOISE)
     return information
 
 
@@ -107,7 +107,7 @@ def tuned_noise(
     measurements = Measurements.concatenate(clusters)
     information = measurement_information(measurements, motion, camera)
     # A motion in a plane has no acceleration out of it.
-    density = np.maximum(acceleration_psd(motion.t, motion.T_world_cam), LEAST_NOISE)
+    density = np.clip(acceleration_psd(motion.t, motion.T_world_cam), LEAST_NOISE, MOST_NOISE)
     return NoiseConfig(
         acceleration_psd=tuple(density.tolist()),
         measurement_information=tuple(information.tolist()),

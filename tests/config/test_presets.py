@@ -101,7 +101,7 @@ def test_unknown_preset_is_one_clear_error(preset: str, tmp_path: Path) -> None:
     assert "gpvo config" in message
 
 
-@pytest.mark.parametrize("number", ["0", "-1", "1e-30", "1e30", ".nan", ".inf"])
+@pytest.mark.parametrize("number", ["0", "-1", "1e-30", "1e12", ".nan", ".inf"])
 @pytest.mark.parametrize(
     ("field", "size"), [("acceleration_psd", 6), ("measurement_information", 3)]
 )

@@ -8,9 +8,9 @@ from pydantic import Field, model_validator
 
 from gpvo.config.stages.stage import StageConfig
 
-LEAST_NOISE = 1e-12
-"""Smallest density or information that still is a number beside others: a millionth, squared."""
-NoiseNumber = Annotated[float, Field(ge=LEAST_NOISE, le=1 / LEAST_NOISE)]
+LEAST_NOISE, MOST_NOISE = 1e-12, 1e6
+"""Densities and informations that mean something beside others, as that of a thousandth pixel."""
+NoiseNumber = Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)]
 Vector3 = tuple[NoiseNumber, NoiseNumber, NoiseNumber]
 Vector6 = tuple[NoiseNumber, NoiseNumber, NoiseNumber, NoiseNumber, NoiseNumber, NoiseNumber]
 
