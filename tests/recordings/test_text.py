@@ -93,19 +93,6 @@ def test_one_wrong_stamp_does_not_change_the_unit(
     assert layout is not None and layout.unit == unit
 
 
-def test_polarities_are_signs(tmp_path: Path) -> None:
-    """As of MVSEC's tables; a few others are damage."""
-    t, x, y, polarity = columns(BEGIN).values()
-    polarity[7] = "9"
-    faults = Faults()
-    stream = TextStream(write(tmp_path / "a.txt", t, x, y, polarity))
-    assert len(read_stream(stream, faults)) == len(BEGIN) - 1
-    assert sum(faults.values()) == 1
-    path = write(tmp_path / "b.txt", t, x, y, ["9"] * len(t), head="# t[us] x y p\n")
-    with pytest.raises(InputError, match=r"b\.txt: the polarities are none of -1, 0 and 1"):
-        TextStream(path)
-
-
 @pytest.mark.parametrize("seconds", [0.02, 0.5, 2.0])
 @pytest.mark.parametrize("unit_ns", [1, 1000, 10**9])
 def test_units_are_found_at_rates_of_slow_and_fast_cameras(

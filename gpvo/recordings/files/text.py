@@ -76,7 +76,6 @@ class TextStream(EventStream):
         fits = np.isfinite(table).all(axis=1)
         fits &= np.abs(table[:, columns["t"]]) * self.layout.unit_ns < 9e18
         fits &= (pixels >= 0).all(axis=1) & (pixels <= LARGEST_PIXEL).all(axis=1)
-        fits &= np.isin(table[:, columns["polarity"]], (-1, 0, 1))
         faults[DAMAGED_LINES] += int((~fits).sum())
         if self._camera is not None:
             fits &= table[:, columns["camera"]] == int(self._camera)

@@ -8,13 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gpvo.errors import InputError
 from gpvo.recordings.files.text_names import REMEDY, named_columns, stated_size
 from gpvo.recordings.files.text_numbers import (
     NANOSECONDS,
     USUAL_ORDER,
     Array,
-    are_polarities,
     column_roles,
     found_unit,
 )
@@ -84,7 +82,7 @@ def text_layout(path: Path, resolution: tuple[int, int] | None = None) -> TextLa
     Raises
     ------
     InputError
-        If names are those of events, but one is missing or there twice, or the polarities are none.
+        If names are those of events, but one is missing or there twice.
     """
     samples = _samples(path)
     blocks = [_rows(sample) for sample in samples]
@@ -110,8 +108,6 @@ def _layout(
     found = columns or column_roles(table, size or resolution)
     if found is None:
         return None
-    if not are_polarities(table[:, found["polarity"]]):
-        raise InputError(f"{path}: the polarities are none of -1, 0 and 1; {REMEDY}")
     if "nanoseconds" in found:
         unit = "s"
     is_named = bool(columns and unit)

@@ -112,7 +112,7 @@ def _is_usual(table: Array) -> bool:
     t, *rest = table.T
     if len(rest) != 3 or (np.diff(t) < 0).mean() > DISORDER or (len(t) > 1 and t[-1] < t[0]):
         return False
-    return _are_pixels(rest[0]) and _are_pixels(rest[1]) and are_polarities(rest[2])
+    return _are_pixels(rest[0]) and _are_pixels(rest[1]) and _are_whole(rest[2], -1, 1)
 
 
 def _rises(column: Array) -> bool:
@@ -131,11 +131,6 @@ def _counts_rows(column: Array) -> bool:
 def _are_whole(column: Array, least: float, most: float) -> bool:
     inside = (column == np.rint(column)) & (column >= least) & (column <= most)
     return bool(inside.mean() >= MOST)
-
-
-def are_polarities(column: Array) -> bool:
-    """Return whether a column holds polarities: -1, 0 or 1."""
-    return _are_whole(column, -1, 1)
 
 
 def _are_pixels(column: Array) -> bool:
