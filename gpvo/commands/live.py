@@ -26,7 +26,7 @@ from gpvo.commands.inputs import (
 from gpvo.commands.interruption import end_at_ctrl_c
 from gpvo.commands.live_trajectory import live_file
 from gpvo.commands.progress import live_progress
-from gpvo.commands.result import FILES
+from gpvo.commands.result import FILES, writing
 from gpvo.commands.run_and_write import DEAD_RECKONING, write_results
 from gpvo.commands.seen import Seen
 from gpvo.commands.watch import Save, Video, View, Watch
@@ -68,7 +68,8 @@ def live(
     """Estimate the motion while events come; Ctrl-C ends it and writes the results.
 
     Exit status 3: failed, most of the trajectory is dead reckoning, or the clocks are apart. 130
-    and 143: ended by Ctrl-C or SIGTERM, with the results so far.
+    and 143: ended by Ctrl-C or SIGTERM, with the results so far. 4: results or the recording could
+    not be written.
     """
     configuration = configured(config, seed)
     span = start, checked_duration(duration) or np.inf
@@ -95,10 +96,13 @@ def live(
     if trajectory is None:
         lost = lost_stage(odometry.reports) if odometry.reports else "no events came"
         raise InputError(f"{source}: no landmark could be tracked: {lost}")
-    judged = write_results(
-        folder, odometry.odometry, trajectory, None, meter, seen, console, read=session.faults
-    )
+    with writing(folder):
+        judged = write_results(
+            folder, odometry.odometry, trajectory, None, meter, seen, console, read=session.faults
+        )
     _say(session)
+    if recorder is not None:
+        recorder.check()
     if interruption.happened:
         raise typer.Exit(interruption.status)
     if judged.word == "failed":

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 
-from gpvo.errors import InputError
+from gpvo.errors import InputError, OutputError
 from gpvo.recordings import StereoRig
 from gpvo.recordings.streams import EventBlock
-from gpvo.recordings.writing.convert import WRITERS, camchain_path, kind_of
+from gpvo.recordings.writing.convert import WRITERS, camchain_path, kind_of, require_free
 from gpvo.recordings.writing.writer import RecordingWriter, write_camchain
 
 PIECE_NS = 200_000_000
@@ -22,13 +24,14 @@ class Recorder:
     Raises
     ------
     InputError
-        If the ending says no format, or the file exists or cannot be written.
+        If the ending says no format, or the file or another calibration beside it exists.
     """
 
     def __init__(self, path: Path, rig: StereoRig) -> None:
         self._path, self._rig, self._kind = path, rig, kind_of(path, asked=False)
         if path.exists():
             raise InputError(f"{path}: exists; name another file to record to")
+        require_free(camchain_path(path, self._kind), rig)
         self._waiting: list[tuple[EventBlock, EventBlock]] = []
         self._begin_ns: int | None = None
         self._pieces: SimpleQueue[tuple[EventBlock, EventBlock] | None] = SimpleQueue()
@@ -47,19 +50,23 @@ class Recorder:
             self._begin_ns = newest
 
     def close(self) -> None:
-        """Write the rest and finish the file.
-
-        Raises
-        ------
-        InputError
-            If it could not be written.
-        """
+        """Write the rest and finish the file; `check` says whether it could be written."""
         self._hand_over()
         if self._thread is not None:
             self._pieces.put(None)
             self._thread.join()
+
+    def check(self) -> None:
+        """Check that all so far could be written.
+
+        Raises
+        ------
+        OutputError
+            If it could not.
+        """
         if self._failure is not None:
-            raise InputError(f"{self._path}: could not be written ({self._failure})")
+            problem = self._failure.strerror or self._failure
+            raise OutputError(f"{self._path}: the recording ends early ({problem})")
 
     def _hand_over(self) -> None:
         if self._waiting:
@@ -71,14 +78,22 @@ class Recorder:
         self._waiting = []
 
     def _write(self) -> None:
+        """Write the pieces until there are no more; after a failure they are taken and left out."""
         writer: RecordingWriter | None = None
-        try:
-            while (piece := self._pieces.get()) is not None:
-                if self._failure is None:
+        while (piece := self._pieces.get()) is not None:
+            if self._failure is None:
+                with self._failing():
                     writer = writer or self._begin(*piece)
                     writer.append(*piece)
-            if writer is not None:
+        if writer is not None:
+            with suppress(OSError) if self._failure else self._failing():
                 writer.close()
+
+    @contextmanager
+    def _failing(self) -> Iterator[None]:
+        """Keep a failure to write."""
+        try:
+            yield
         except OSError as error:
             self._failure = error
 

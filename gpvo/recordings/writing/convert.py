@@ -92,10 +92,8 @@ def convert(
     require_choice("--to", kind, Kind)
     calibration = camchain_path(output, kind)
     calibrated = recording.rig is not UNKNOWN_RIG
-    if calibrated and calibration.exists() and not _holds(calibration, recording.rig):
-        raise InputError(
-            f"{calibration}: exists, with another calibration; name another output or remove it"
-        )
+    if calibrated:
+        require_free(calibration, recording.rig)
     _make_place(output)
     part = output.with_name(output.name + ".part")
     try:
@@ -122,9 +120,13 @@ def _make_place(output: Path) -> None:
         raise InputError(f"{output}: cannot be written ({error.strerror or error})") from error
 
 
-def _holds(calibration: Path, rig: StereoRig) -> bool:
-    """Return whether a file is the camchain of a rig."""
-    return calibration.is_file() and calibration.read_bytes() == camchain_text(rig).encode()
+def require_free(calibration: Path, rig: StereoRig) -> None:
+    """Raise InputError if the camchain of a rig would replace another file."""
+    same = calibration.is_file() and calibration.read_bytes() == camchain_text(rig).encode()
+    if calibration.exists() and not same:
+        raise InputError(
+            f"{calibration}: exists, with another calibration; name another output or remove it"
+        )
 
 
 def kind_of(output: Path, asked: bool = True) -> Kind:
