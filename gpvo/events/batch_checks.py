@@ -5,12 +5,11 @@ from __future__ import annotations
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
-from factors.kernels.compiled import kernel
 from gpvo.errors import InputError
 from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 from gpvo.recordings.base import SIDES
+from gpvo.recordings.checks.first_faulty import first_faulty
 
 KINDS = {"x": "uint16", "y": "uint16", "t": "float64", "polarity": "bool"}
 
@@ -43,10 +42,10 @@ def _check_events(events: Events, side: str, camera: Camera) -> None:
                 f"{side} {name}: must be {kind}, one for each event, not {column.dtype} of the"
                 f" shape {column.shape}"
             )
-    width, height = camera.resolution
-    wrong = _first_wrong(events.x, events.y, events.t, width, height)
-    if wrong < 0:
+    wrong = first_faulty(events.x, events.y, events.t, camera, -np.inf)
+    if wrong is None:
         return
+    width, height = camera.resolution
     x, y, t = events.x[wrong], events.y[wrong], events.t[wrong]
     if x >= width or y >= height:
         raise InputError(
@@ -54,20 +53,3 @@ def _check_events(events: Events, side: str, camera: Camera) -> None:
             " leave such events out, or give this camera's calibration"
         )
     raise InputError(f"{side} t: {t} s at event {wrong} goes back in time; sort the events by time")
-
-
-@kernel
-def _first_wrong(
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    t: NDArray[np.float64],
-    width: int,
-    height: int,
-) -> int:
-    """Return the first event off the sensor, earlier than the one before or at no time; or -1."""
-    before = -np.inf
-    for i in range(len(t)):
-        if x[i] >= width or y[i] >= height or not t[i] >= before:
-            return i
-        before = t[i]
-    return -1

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from factors.kernels.compiled import kernel
 from gpvo.errors import InputError
 from gpvo.recordings import Camera
+from gpvo.recordings.checks.first_faulty import first_faulty
 from gpvo.recordings.streams import EventBlock
 
 RawEvents = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
@@ -43,7 +43,7 @@ def checked_events(events: RawEvents, side: str, camera: Camera, before_ns: int)
         raise InputError(f"{side}: x, y, t, polarity must have one length, not {lengths}")
     if len(x) == 0:
         return EventBlock.empty()
-    if _are_of_a_block(columns) and is_faultless(x, y, t, camera, before_ns // 1000):
+    if _are_of_a_block(columns) and first_faulty(x, y, t, camera, before_ns // 1000) is None:
         # Copies: a driver may fill the same arrays again.
         return EventBlock(x.copy(), y.copy(), _nanoseconds(t, f"{side} t"), polarity.copy())
     for name, column in zip(("x", "y", "t"), columns, strict=False):
@@ -54,33 +54,6 @@ def checked_events(events: RawEvents, side: str, camera: Camera, before_ns: int)
     _check_order(t_ns, before_ns, f"{side} t")
     is_on = _checked_polarity(polarity, f"{side} polarity")
     return EventBlock(x.astype(np.uint16), y.astype(np.uint16), t_ns, is_on)
-
-
-def is_faultless(
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    t: NDArray[np.int64],
-    camera: Camera,
-    before: int,
-) -> bool:
-    """Whether all events (N,) are on the sensor, and none is earlier than `before` or the last."""
-    return bool(_is_faultless(x, y, t, *camera.resolution, before))
-
-
-@kernel
-def _is_faultless(
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    t: NDArray[np.int64],
-    width: int,
-    height: int,
-    before: int,
-) -> bool:
-    for i in range(len(t)):
-        if x[i] >= width or y[i] >= height or t[i] < before:
-            return False
-        before = t[i]
-    return True
 
 
 def _are_of_a_block(columns: list[NDArray[Any]]) -> bool:

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpvo.live.raw_events import is_faultless
 from gpvo.live.sources.packet import Packet
 from gpvo.recordings import Camera, StereoRig
 from gpvo.recordings.checks.clocks import LARGEST_DELAY_NS
+from gpvo.recordings.checks.first_faulty import first_faulty
 from gpvo.recordings.checks.time_order import DISORDER_NS, FEWEST_AFTER_GAP
 from gpvo.recordings.streams import EventBlock, Faults
 
@@ -65,7 +65,7 @@ class CameraRepair:
         before_ns = first_ns if newest_ns is None else newest_ns - self._shift_ns
         if int(block.t_ns[-1]) - before_ns > JUMP_NS:
             return False
-        return is_faultless(block.x, block.y, block.t_ns, self._camera, before_ns)
+        return first_faulty(block.x, block.y, block.t_ns, self._camera, before_ns) is None
 
     def _shifted(self, block: EventBlock) -> EventBlock:
         if self._shift_ns == 0:

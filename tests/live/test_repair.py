@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gpvo.live import LiveOdometry
-from gpvo.live.raw_events import is_faultless
 from gpvo.live.repair import Repair
 from gpvo.live.session import Intake, LiveSession
 from gpvo.live.sources import Packet
+from gpvo.recordings.checks.first_faulty import first_faulty
 from gpvo.recordings.streams import EventBlock
 from gpvo.simulation import SimulationConfig
 
@@ -48,7 +48,7 @@ def test_a_block_is_faultless_if_nothing_of_it_is_to_be_repaired(
     t, (width, height) = np.cumsum(steps), RIG.left.resolution
     expected = (x < width).all() and (y < height).all() and (steps >= 0).all()
     pixels = x.astype(np.uint16), y.astype(np.uint16)
-    assert is_faultless(*pixels, t, RIG.left, 0) == expected
+    assert (first_faulty(*pixels, t, RIG.left, 0) is None) == expected
 
 
 def test_a_good_stream_is_left_as_it_is(caplog: pytest.LogCaptureFixture) -> None:
