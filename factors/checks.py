@@ -8,7 +8,7 @@ from typing import Any, SupportsIndex, SupportsInt
 
 import gtsam
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from factors.kernels.compiled import kernel
 from factors.kernels.se3 import Array
@@ -158,7 +158,8 @@ def checked_positive_definite(name: str, given: ArrayLike, n: int) -> Array:
 def checked_covariance(name: str, given: ArrayLike, n: int) -> Array:
     """Return a covariance (n, n): finite, symmetric, and positive semidefinite but for rounding."""
     matrix = checked_array(name, given, (n, n))
-    if matrix.ndim != 2 or not _is_symmetric(matrix, 1e-6) or not _is_semidefinite(matrix):
+    is_symmetric = matrix.ndim == 2 and _is_symmetric(matrix, 1e-6)
+    if not (is_symmetric and are_semidefinite(np.linalg.eigvalsh(matrix))):
         raise ValueError(f"{name} must be a covariance ({n}, {n}): positive semidefinite")
     return matrix
 
@@ -178,9 +179,9 @@ def _is_symmetric(matrix: Array, rounding: float) -> bool:
     return bool((np.abs(matrix - matrix.T) <= rounding * np.outer(scale, scale)).all())
 
 
-def _is_semidefinite(matrix: Array) -> bool:
-    eigenvalues = np.linalg.eigvalsh(matrix)
-    return bool(eigenvalues[0] >= -1e-8 * abs(eigenvalues[-1]))
+def are_semidefinite(eigenvalues: NDArray[np.floating[Any]]) -> bool:
+    """Tell whether matrices with these increasing eigenvalues (..., n) are so but for rounding."""
+    return bool((eigenvalues[..., 0] >= -1e-8 * np.abs(eigenvalues[..., -1])).all())
 
 
 def checked_noise(model: object, dimension: int) -> None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.checks import Poses, checked_array, checked_poses
+from factors.checks import Poses, are_semidefinite, checked_array, checked_poses
 from factors.kernels.compiled import kernel
 from factors.kernels.local_variables import (
     hermite_weights,
@@ -169,7 +169,7 @@ def _square_root(covariance: Array) -> Array:
         return np.asarray(np.linalg.cholesky(covariance), np.float64)
     except np.linalg.LinAlgError:
         eigenvalues, vectors = np.linalg.eigh(covariance)
-    if (eigenvalues[..., 0] < -1e-8 * eigenvalues[..., -1]).any():
+    if not are_semidefinite(eigenvalues):
         raise ValueError("covariance must be positive semidefinite")
     root: Array = vectors * np.sqrt(np.maximum(eigenvalues, 0))[..., None, :]
     return root

@@ -70,7 +70,7 @@ def evaluate_command(
     output: Path | None = None,
     protocol: Protocol | None = None,
     calibration: Path | None = None,
-    console: Console | None = None,
+    console: Console = console,
 ) -> list[Comparison]:
     """Compare estimates with their ground truth, print the tables and write a report.
 
@@ -96,7 +96,6 @@ def evaluate_command(
     OutputError
         If the report cannot be written.
     """
-    console = console or Console(markup=False, emoji=False)
     if output is not None:
         make_folder(output)
     competitors = dict(parse_competitor(text) for text in against)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
@@ -86,16 +86,16 @@ class Recorder:
                     writer = writer or self._begin(*piece)
                     writer.append(*piece)
         if writer is not None:
-            with suppress(OSError) if self._failure else self._failing():
+            with self._failing():
                 writer.close()
 
     @contextmanager
     def _failing(self) -> Iterator[None]:
-        """Keep a failure to write."""
+        """Keep the first failure to write."""
         try:
             yield
         except OSError as error:
-            self._failure = error
+            self._failure = self._failure or error
 
     def _begin(self, left: EventBlock, right: EventBlock) -> RecordingWriter:
         start_ns = min(int(block.t_ns[0]) for block in (left, right) if len(block))

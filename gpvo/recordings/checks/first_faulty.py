@@ -36,9 +36,8 @@ def _first_faulty(
     height: int,
     before: float,
 ) -> int:
-    if len(t) and not t[0] >= before:
-        return 0
     for i in range(len(t)):
-        if x[i] >= width or y[i] >= height or (i > 0 and not t[i] >= t[i - 1]):
+        if x[i] >= width or y[i] >= height or not t[i] >= before:
             return i
+        before = t[i]
     return -1
