@@ -116,6 +116,11 @@ class StereoCluster:
         return 0.5 * (self.start + self.stop)
 
     @property
+    def is_silent(self) -> bool:
+        """Whether no event came, not even noise that was left out: data is missing."""
+        return not any(side.event_count + sum(side.left_out) for side in (self.left, self.right))
+
+    @property
     def contour_count(self) -> float:
         """Estimated number of events of contours that moved, of both cameras."""
         return self.left.contour_count + self.right.contour_count

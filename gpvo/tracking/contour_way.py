@@ -2,7 +2,8 @@
 
 Contours have about as many events for each pixel of their way. Where a motion turns, or the image
 of a moving camera stands still, they have hardly any for a while: they are still near where they
-were, to within that way.
+were, to within that way. Without any event, of contours or noise, data is missing, and the way is
+unknown.
 """
 
 from __future__ import annotations
@@ -63,8 +64,12 @@ class ContourWay:
 
     def learn(self, speed: float) -> None:
         """Learn from the speed of contours in the latest cluster, pixels per second."""
-        if self.value == inf and self._rate > 0:
+        if self.value == inf and 0 < self._rate < inf:
             self._per_event.append(speed / self._rate)
+
+    def lose(self) -> None:
+        """Forget the way, and the rate before the next cluster: it may have been any."""
+        self.value = self._rate = inf
 
     @property
     def is_little(self) -> bool:

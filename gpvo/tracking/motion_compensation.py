@@ -59,7 +59,8 @@ class MotionCompensation:
     Where (almost) no event came but the noise of both cameras, nothing moved: such a cluster has
     the pictures before it, at its own time, so that features are seen at rest, or blank ones if
     nothing moved before. Without noise the cameras may as well have failed. Where few events of
-    contours tell that these moved by less than a little, the pictures go on showing those before.
+    contours tell that these moved by less than a little, the pictures go on showing those before;
+    without any event they do not, as data is missing.
 
     `frames` is the number of latest clusters to which observations may belong. Pixels of the
     pictures are `side` pixels of the events wide; all positions are pixels of the pictures.
@@ -162,6 +163,9 @@ class MotionCompensation:
     def _moved_little(self, cluster: StereoCluster, middle: float) -> bool:
         """Return whether the contours of both cameras moved by less than a little, at `middle`."""
         if not self._images:
+            return False
+        if cluster.is_silent:
+            self._way.lose()
             return False
         dt = middle - self._images[-1][0].reference
         self._way.see(cluster.contour_count, cluster.stop - cluster.start, dt)

@@ -167,3 +167,19 @@ def test_landmarks_are_followed_where_the_motion_turns(little: float, follows: b
     odometry.run(back_and_forth())
     inliers = [one.inliers for one in odometry.reports if one.start > 0.2]
     assert (min(inliers) > 40) == follows
+
+
+def test_pictures_without_any_event_show_nothing_as_data_is_missing() -> None:
+    """A cluster with few events before the gap hardly moved; in the gap the motion is unknown."""
+    compensation, _ = run([2000, 2000, 2000, 100, 0, 100])
+    before, gap, after = list(compensation._images)[-3:]
+    assert before[0].count.sum() > 1900 and gap[0].count.sum() == 0
+    assert after[0].count.sum() == pytest.approx(100, rel=1e-3)  # the way into the gap is unknown
+    assert not compensation.hardly_moved
+
+
+@pytest.mark.parametrize("left_out", [(3, 0), (0, 3)])
+def test_events_that_the_noise_filter_left_out_are_no_silence(left_out: tuple[int, int]) -> None:
+    nothing = ClusterEvents((), np.zeros((1, 1, 2), np.float32), SHAPE[::-1])
+    assert StereoCluster(0.0, 0.1, nothing, nothing).is_silent
+    assert not StereoCluster(0.0, 0.1, nothing, replace(nothing, left_out=left_out)).is_silent
