@@ -69,7 +69,7 @@ class Watch:
                 viewer = RerunViewer(self.save, stages)
                 opened.callback(viewer.close)
                 if truth is not None:
-                    viewer.show_truth(truth, start_ns)
+                    viewer.expect_truth(truth, start_ns)
                 watching.append(viewer)
             if self.video:
                 from gpvo.view.video import VideoWriter

@@ -21,6 +21,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from gpvo.errors import InputError
+from gpvo.estimator import Estimator
 from gpvo.events import ClusterEvents
 from gpvo.mapping import LandmarkMap
 from gpvo.observer import Step
@@ -62,6 +63,7 @@ class RerunViewer:
         self._tracks = TrackHistory()
         self._path = PathSoFar()
         self._spread: list[tuple[Array, Array]] = []
+        self._expected: tuple[StampedPoses, int] | None = None
         self._open(file)
         self._describe()
 
@@ -73,13 +75,18 @@ class RerunViewer:
         self._show_stages()
         estimate = step.estimator.latest()
         if estimate is not None:
+            self._show_expected_truth(step.estimator)
             self._show_path(self._path(step.estimator))
             self._show_motion(estimate)
             self._show_landmarks(step)
 
+    def expect_truth(self, truth: StampedPoses, start_ns: int) -> None:
+        """Show the true path once there is a first state; t = 0 has the absolute stamp start_ns."""
+        self._expected = truth, start_ns
+
     def show_truth(self, truth: StampedPoses, start_ns: int) -> None:
-        """Show the true path, in the world of its own first pose."""
-        first = int(np.argmax(truth.stamps_ns >= start_ns))
+        """Show the true path from `start_ns` on, in the world of its own first pose there."""
+        first = min(int(np.searchsorted(truth.stamps_ns, start_ns)), len(truth) - 1)
         T = np.linalg.inv(truth.T_world_cam[first]) @ truth.T_world_cam[first:]
         points = [_thinned(T[:, :3, 3])]
         strip = self._rr.LineStrips3D(points, colors=[GREY], radii=[-1.0])
@@ -174,6 +181,14 @@ class RerunViewer:
         for name, seconds in self._spent.items():
             spent = 1e3 * (seconds - before.get(name, 0.0))
             self._recording.log(f"stages/{name.replace(' ', '_')}", self._rr.Scalars([spent]))
+
+    def _show_expected_truth(self, estimator: Estimator) -> None:
+        """Show the truth in the world of the estimate, which begins at its first state."""
+        if self._expected is None:
+            return
+        (truth, start_ns), self._expected = self._expected, None
+        first = min([*estimator.final_states().t[:1], *estimator.states.t[:1]])
+        self.show_truth(truth, start_ns + round(1e9 * first))
 
     def _show_path(self, positions: Array) -> None:
         path = self._rr.LineStrips3D([_thinned(positions)], colors=[BLUE], radii=[-1.5])

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from run_files import RecordingFiles
 
+from gpvo.trajectory import StampedPoses, Trajectory
+
 MOTION = {
     f"{kind}_velocity/{axis}{band}"
     for kind in ("linear", "angular")
@@ -35,9 +37,18 @@ def entities(file: Path) -> dict[str, int]:
 
 
 def test_the_file_holds_what_the_run_saw_and_found(
-    recording: RecordingFiles, gpvo: Callable, tmp_path: Path
+    recording: RecordingFiles, gpvo: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("rerun")
+    from gpvo.view.rerun_viewer import RerunViewer
+
+    begins, show_truth = [], RerunViewer.show_truth
+
+    def noted(viewer: RerunViewer, truth: StampedPoses, start_ns: int) -> None:
+        begins.append(start_ns)
+        show_truth(viewer, truth, start_ns)
+
+    monkeypatch.setattr(RerunViewer, "show_truth", noted)
     file, output = tmp_path / "run.rrd", tmp_path / "out"
     span = ["--start", "0.3", "--duration", "0.4", "--plots", "none"]
     assert gpvo(*recording.arguments(output), *span, "--save", file)[0] == 0
@@ -49,6 +60,9 @@ def test_the_file_holds_what_the_run_saw_and_found(
     again = tmp_path / "again.rrd"
     assert gpvo("view", output, "--save", again)[0] == 0
     assert set(entities(again)) >= MOTION | {"world/landmarks"}
+    # The true path begins where the estimated one does, not with the recording's first event.
+    first = Trajectory.load(output / "trajectory.npz")
+    assert begins == pytest.approx([int(first.stamps_ns(first.start))] * 2, abs=2000)
 
 
 def test_what_is_no_result_is_one_line(gpvo: Callable, tmp_path: Path) -> None:
