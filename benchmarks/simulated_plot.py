@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from benchmarks.simulated_summary import METRICS, CaseResult, Metric, names, values
-from gpvo.evaluation.report.plots import colours, new_figure, shared_legend
+from gpvo.evaluation.report.plots import COLOURS, new_figure, shared_legend
 
 SHOWN = ("rms_m", "rms_deg", "relative", "real_time")
 
@@ -23,7 +23,7 @@ def suite_figure(results: Sequence[CaseResult], earlier: Sequence[CaseResult] = 
     rows = figure.subplots(len(metrics), 1, sharex=True, squeeze=False)[:, 0]
     runs = [("earlier", earlier), ("now", results)] if earlier else [("each seed", results)]
     for axes, metric in zip(rows, metrics, strict=True):
-        for number, ((label, run), colour) in enumerate(zip(runs, colours(2), strict=False)):
+        for number, ((label, run), colour) in enumerate(zip(runs, COLOURS, strict=False)):
             _draw(axes, run, cases, metric, 0.2 * (number - 0.5 * (len(runs) - 1)), label, colour)
         axes.set_ylabel(metric.heading.replace(" [", "\n["))
         if metric.more_is_better:

@@ -186,7 +186,10 @@ class Result:
             path = path_figure({"gpvo": self.evaluation.estimate}, self.evaluation.ground_truth)
             stretches = shaded_stretches(self.trajectory, spans, "dead reckoning")
             figure = error_figure(
-                [self.evaluation], stretches=stretches, deviations=self._deviations()
+                [self.evaluation],
+                stretches=stretches,
+                deviations=self._deviations(),
+                start_ns=self.trajectory.start_ns,
             )
             save_figure(figure, folder / f"error.{kind}")
         save_figure(path, folder / f"path.{kind}")

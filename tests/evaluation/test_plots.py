@@ -5,7 +5,9 @@ import pytest
 
 from gpvo.evaluation import evaluate
 from gpvo.evaluation.report.plots import (
+    COLOURS,
     error_figure,
+    line_styles,
     path_figure,
     path_figure_3d,
     png,
@@ -31,6 +33,34 @@ def test_errors_are_drawn_over_path_and_time(evaluations):
         np.testing.assert_array_equal(y, evaluations[0].global_error.norms["translation"])
         assert axes[2].get_yscale() == "log"
         assert len(axes[0].patches) == 1
+
+
+def test_errors_of_a_run_are_drawn_over_the_time_of_its_recording(evaluations):
+    first = int(evaluations[0].estimate.stamps_ns[0])
+    stretch = Stretch(first + 500_000_000, first + 700_000_000, "dead reckoning")
+    for start_ns, shift, words in ((None, 0.0, "since"), (first - 1_300_000_000, 1.3, "time [s]")):
+        axes = error_figure(evaluations, stretches=[stretch], start_ns=start_ns).axes
+        for one in axes[0].lines:
+            assert one.get_xdata()[0] == pytest.approx(shift)
+        assert axes[0].patches[0].get_x() == pytest.approx(0.5 + shift)
+        assert words in axes[2].get_xlabel()
+
+
+def test_legends_fit_into_their_figure(evaluations):
+    truth = evaluations[0].ground_truth
+    for name in ("short", "the estimate of another program"):
+        estimates = {f"{name} {number}": truth for number in range(4)}
+        figure = path_figure_3d(estimates, truth)
+        figure.draw_without_rendering()
+        (legend,) = figure.legends
+        extent = legend.get_window_extent()
+        assert extent.x0 >= 0 and extent.x1 <= figure.bbox.width
+        assert len(legend.texts) == 5
+
+
+def test_curves_are_told_apart_where_the_palette_repeats():
+    styles = line_styles(4 * len(COLOURS))
+    assert len({tuple(style.values()) for style in styles}) == len(styles)
 
 
 def test_bands_are_three_standard_deviations(evaluations):

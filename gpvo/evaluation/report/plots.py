@@ -27,6 +27,10 @@ from gpvo.trajectory import StampedPoses
 TRUTH_COLOUR = "#555555"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Palette of M. Okabe and K. Ito, distinguishable for colour-blind readers too."""
+DASHES = ("-", "--", ":", "-.")
+"""Line styles, one after the other where the palette repeats."""
+MOST_COLUMNS = 5
+"""Largest number of columns of a legend."""
 
 
 def path_figure(estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None) -> Figure:
@@ -76,8 +80,8 @@ def _paths(
     if ground_truth is not None:
         style = {"color": TRUTH_COLOUR, "linewidth": 2.2}
         yield "ground truth", ground_truth.in_world(T_first_world).positions, style
-    for (name, poses), colour in zip(estimates.items(), colours(len(estimates)), strict=True):
-        yield name, poses.in_world(T_first_world).positions, {"color": colour, "linewidth": 1.4}
+    for (name, poses), style in zip(estimates.items(), line_styles(len(estimates)), strict=True):
+        yield name, poses.in_world(T_first_world).positions, {**style, "linewidth": 1.4}
 
 
 def error_figure(
@@ -85,6 +89,7 @@ def error_figure(
     over: str = "time",
     stretches: Sequence[Stretch] = (),
     deviations: NDArray[np.float64] | None = None,
+    start_ns: int | None = None,
 ) -> Figure:
     """Draw global translation and rotation error and relative SE(3) error, one above the other.
 
@@ -93,39 +98,51 @@ def error_figure(
     evaluations
         Evaluations of one sequence.
     over
-        "time" since the first common stamp, or "path" length travelled by the ground truth.
+        "time", or "path" length travelled by the ground truth.
     stretches
         Stretches to shade behind the curves.
     deviations
         (N, 2) standard deviations of the first estimate's rotation, rad, and position, m, of which
         bands of three are drawn.
+    start_ns
+        Absolute stamp of time zero; by default that of the first pose compared.
     """
     figure = new_figure(8.0, 6.6)
     translation, rotation, relative = figure.subplots(3, 1, sharex=True)
-    for evaluation, colour in zip(evaluations, colours(len(evaluations)), strict=True):
-        along = evaluation.distances if over == "path" else evaluation.estimate.seconds
+    zero_ns = min(int(one.estimate.stamps_ns[0]) for one in evaluations)
+    zero_ns = zero_ns if start_ns is None else start_ns
+    for evaluation, style in zip(evaluations, line_styles(len(evaluations)), strict=True):
+        along = _along(evaluation, over, zero_ns)
         label, norms = evaluation.name, evaluation.global_error.norms
-        translation.plot(along, norms["translation"], color=colour, label=label)
-        rotation.plot(along, np.degrees(norms["rotation"]), color=colour)
+        translation.plot(along, norms["translation"], label=label, **style)
+        rotation.plot(along, np.degrees(norms["rotation"]), **style)
         step = np.maximum(evaluation.relative_error.norms["se3"], 1e-12)
-        relative.semilogy(along[1:], step, color=colour, linewidth=0.8)
-    _shade((translation, rotation, relative), evaluations[0], over, stretches)
+        relative.semilogy(along[1:], step, linewidth=0.8, **style)
+    _shade((translation, rotation, relative), evaluations[0], over, stretches, zero_ns)
     if deviations is not None:
-        first = evaluations[0]
-        along = first.distances if over == "path" else first.estimate.seconds
+        along = _along(evaluations[0], over, zero_ns)
         bands = 3 * deviations[:, 1], np.degrees(3 * deviations[:, 0])
         for axes, band in zip((translation, rotation), bands, strict=True):
             axes.fill_between(along, band, color=COLOURS[5], alpha=0.25, linewidth=0, label="3 σ")
     _label(translation, "", "global translation\nerror [m]")
     _label(rotation, "", "global rotation\nerror [°]")
-    unit = "path length [m]" if over == "path" else "time [s]"
-    _label(relative, unit, "relative SE(3)\nerror [m, rad]")
+    time = "time since the first pose compared [s]" if start_ns is None else "time [s]"
+    _label(
+        relative, "path length [m]" if over == "path" else time, "relative SE(3)\nerror [m, rad]"
+    )
     for axes in (translation, rotation):
         axes.set_ylim(bottom=0.0)
     _logarithmic_ticks(relative)
     relative.margins(x=0.01)
     shared_legend(figure, translation)
     return figure
+
+
+def _along(evaluation: Evaluation, over: str, zero_ns: int) -> NDArray[np.float64]:
+    """Return the distances or the times since `zero_ns` (N,) of an evaluation's poses."""
+    if over == "path":
+        return evaluation.distances
+    return np.asarray((evaluation.estimate.stamps_ns - zero_ns) * 1e-9, np.float64)
 
 
 def _logarithmic_ticks(axes: Axes) -> None:
@@ -135,15 +152,16 @@ def _logarithmic_ticks(axes: Axes) -> None:
 
 
 def _shade(
-    rows: Iterable[Axes], evaluation: Evaluation, over: str, stretches: Sequence[Stretch]
+    rows: Iterable[Axes],
+    evaluation: Evaluation,
+    over: str,
+    stretches: Sequence[Stretch],
+    zero_ns: int,
 ) -> None:
-    seconds = evaluation.estimate.seconds
-    start_ns = int(evaluation.estimate.stamps_ns[0])
+    times, along = (_along(evaluation, each, zero_ns) for each in ("time", over))
     for stretch in stretches:
-        ends = (np.array([stretch.start_ns, stretch.stop_ns]) - start_ns) * 1e-9
-        if over == "path":
-            ends = np.interp(ends, seconds, evaluation.distances)
-        ends = np.clip(ends, 0.0, (evaluation.distances if over == "path" else seconds)[-1])
+        ends = (np.array([stretch.start_ns, stretch.stop_ns]) - zero_ns) * 1e-9
+        ends = np.interp(ends, times, along)
         for index, axes in enumerate(rows):
             label = stretch.label if index == 0 else None
             axes.axvspan(*ends, color=stretch.colour, alpha=0.2, linewidth=0, label=label)
@@ -165,8 +183,8 @@ def series_figure(
     for label, spans in shaded.items():
         for span in spans:
             axes.axvspan(*span, color=COLOURS[3], alpha=0.2, linewidth=0, label=label)
-    for (name, values), colour in zip(series.items(), colours(len(series)), strict=True):
-        axes.plot(seconds, values, color=colour, linewidth=1.0, label=name)
+    for (name, values), style in zip(series.items(), line_styles(len(series)), strict=True):
+        axes.plot(seconds, values, linewidth=1.0, label=name, **style)
     _label(axes, "time [s]", ylabel)
     axes.set_ylim(bottom=0.0)
     axes.margins(x=0.01)
@@ -183,19 +201,32 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def colours(count: int) -> list[str]:
-    """Return `count` line colours; the palette repeats when it runs out."""
-    return [COLOURS[index % len(COLOURS)] for index in range(count)]
+def line_styles(count: int) -> list[dict[str, Any]]:
+    """Return `count` colours with line styles, all different up to two dozen."""
+    return [
+        {
+            "color": COLOURS[index % len(COLOURS)],
+            "linestyle": DASHES[index // len(COLOURS) % len(DASHES)],
+        }
+        for index in range(count)
+    ]
 
 
 def shared_legend(figure: Figure, axes: Axes) -> None:
-    """Add one legend above all axes, with each label of `axes` once."""
+    """Add one legend above all axes, with each label of `axes` once, in columns that fit."""
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(labels, handles, strict=True))
-    if entries:
-        figure.legend(
-            entries.values(), entries.keys(), loc="outside upper center", ncols=5, frameon=False
+    for columns in range(min(MOST_COLUMNS, len(entries)), 0, -1):
+        legend = figure.legend(
+            entries.values(),
+            entries.keys(),
+            loc="outside upper center",
+            ncols=columns,
+            frameon=False,
         )
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()
 
 
 def _label(axes: Axes, x: str, y: str) -> None:
