@@ -155,7 +155,7 @@ def at_states_of_competitor(contenders: Sequence[Contender]) -> list[Contender]:
 def print_comparison(comparison: Comparison, console: Console) -> None:
     """Print the tables of one sequence, how they were computed, and warnings."""
     for table in comparison.tables():
-        console.print(to_rich(table))
+        console.print(to_rich(table), crop=False)
     for warning in comparison.warnings():
         console.print(warning, style="yellow", highlight=False)
     for name, offset in comparison.time_offsets.items():

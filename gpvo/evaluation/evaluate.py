@@ -87,9 +87,14 @@ class Evaluation:
         return float(np.linalg.norm(spread[1:]) / np.sqrt(len(positions)))
 
     @property
+    def aligned_rotation_doubt(self) -> float:
+        """Turn about the path by which errors of positions may mislead their alignment, rad."""
+        return float(np.arctan2(self.ate["se3"].translation.rmse, self.width))
+
+    @property
     def aligned_rotation_is_known(self) -> bool:
         """Whether the alignment of positions leaves no turn about a nearly straight path."""
-        return self.ate["se3"].translation.rmse <= TURN * self.width
+        return self.aligned_rotation_doubt <= TURN
 
     @property
     def drift_percent(self) -> float:

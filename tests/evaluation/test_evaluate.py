@@ -159,8 +159,8 @@ def test_an_evaluation_prints_in_eighty_columns(random_walk):
 
 
 @pytest.mark.parametrize("lateral", [0.002, 1.0])
-def test_an_aligned_rotation_about_a_straight_path_is_said_to_mean_nothing(lateral):
-    """Errors of 5 mm turn the alignment of a path that is 2 mm wide by any angle."""
+def test_how_well_an_aligned_rotation_is_known_is_said_of_a_straight_path(lateral):
+    """Errors of 5 mm turn the alignment of a path that is 2 mm wide by 70 degrees."""
     rng, t = np.random.default_rng(0), np.arange(200)
     positions = np.column_stack([0.01 * t, lateral * np.sin(t / 20), lateral * np.cos(t / 20)])
     T = np.tile(np.eye(4), (200, 1, 1))
@@ -170,8 +170,10 @@ def test_an_aligned_rotation_about_a_straight_path_is_said_to_mean_nothing(later
     evaluation = evaluate(StampedPoses(10_000_000 * t, T), truth)
     assert evaluation.width == pytest.approx(lateral, rel=0.2)
     rows = [[cell.text for cell in row] for row in evaluation_tables(evaluation)[2].rows]
-    said = ["aligned rotation says nothing", "path within 0.00 m of a line"] in rows
-    assert said == (lateral < 0.01) == (not evaluation.aligned_rotation_is_known)
+    doubts = [float(text[:-1]) for label, text in rows if label == "aligned rotation is known to"]
+    assert len(doubts) == (lateral < 0.01) == (not evaluation.aligned_rotation_is_known)
+    width, error = evaluation.width, evaluation.ate["se3"].translation.rmse
+    assert doubts == pytest.approx([np.degrees(np.arctan(error / width))] * len(doubts), abs=0.01)
 
 
 def test_the_gp_follows_a_sparse_ground_truth_better_than_lines(random_walk):

@@ -70,6 +70,16 @@ def test_a_result_against_a_competitor(reported):
     assert numbers[0]["estimates"][0] == ours.to_dict()
 
 
+def test_numbers_are_whole_beside_many_long_names(sequence):
+    """They were cut to "0.2…" as soon as a name had more than ten letters."""
+    against = [f"odometry of program {k}={sequence / 'esvo.txt'}" for k in range(6)]
+    ((comparison,), text) = run(sequence / "results", sequence / "truth.txt", against=against)
+    assert "…" not in text
+    for table in comparison.tables():
+        for _, *cells in table.rows:
+            assert all(cell.text in text for cell in cells)
+
+
 def test_the_cost_of_a_result_stands_beside_its_errors(reported):
     report, cost, (comparison,), text = reported
     assert comparison.costs == {"gpvo": cost}

@@ -124,15 +124,10 @@ def summary_table(evaluations: Sequence[Evaluation], sequence: str = "") -> Resu
         plain = (Cell(describe(evaluation)) for evaluation in evaluations)
         rows.append((Cell(label), *plain))
     if not all(one.aligned_rotation_is_known for one in evaluations):
-        notes = ("" if one.aligned_rotation_is_known else _straight(one) for one in evaluations)
-        rows.append((Cell("aligned rotation says nothing"), *map(Cell, notes)))
+        known = (Cell(degrees(RAD * one.aligned_rotation_doubt)) for one in evaluations)
+        rows.append((Cell("aligned rotation is known to"), *known))
     title = f"{sequence}: trajectory error (RMSE)" if sequence else "Trajectory error (RMSE)"
     return ResultTable(title, ("", *(one.name for one in evaluations)), tuple(rows), len(rows))
-
-
-def _straight(evaluation: Evaluation) -> str:
-    """Say why the aligned rotation means nothing."""
-    return f"path within {evaluation.width:.2f} m of a line"
 
 
 def metres(value: float) -> str:

@@ -12,6 +12,8 @@ from rich.text import Text
 
 LATEX_PACKAGES = r"\usepackage{amsmath, booktabs}"
 
+NARROWEST = 14
+"""Width that columns of the terminal keep, if they have it: any number fits."""
 LATEX_SPECIAL = {
     "\\": r"\textbackslash{}",
     "%": r"\%",
@@ -47,12 +49,17 @@ class ResultTable:
 
 
 def to_rich(table: ResultTable) -> Table:
-    """Format a table for the terminal, with names as they are, also with brackets."""
+    """Format a table for the terminal, with names as they are, also with brackets.
+
+    Long names are wrapped. Numbers never are: a table of many columns may be wider than the
+    terminal, where it is to be printed without cropping.
+    """
     rich = Table(title=Text(table.title, "table.title"), title_justify="left")
     for index, heading in enumerate(table.headings):
-        first = index == 0
-        justify: JustifyMethod = "left" if first else "right"
-        rich.add_column(Text(heading), justify=justify, no_wrap=first)
+        justify: JustifyMethod = "left" if index == 0 else "right"
+        longest = max((len(row[index].text) for row in table.rows), default=0)
+        least = min(longest, NARROWEST)
+        rich.add_column(Text(heading), justify=justify, overflow="fold", min_width=least)
     for number, row in enumerate(table.rows, start=1):
         rich.add_row(*map(_rich_cell, row), end_section=number % table.group == 0)
     return rich
