@@ -32,13 +32,24 @@ def lost_stage(reports: Sequence[ClusterReport]) -> str:
     """
     lost = _without_inliers(reports)
     if not lost:
-        return f"{len(reports)} clusters of events; is the recording long enough?"
+        return _nothing_lost(reports)
     stages = _stages(lost)
     first = next((stage for stage in stages if stage.is_few), stages[-1])
     seen = ", ".join(stage.seen for stage in stages[: stages.index(first) + 1])
     return (
         f"{len(lost)} of {len(reports)} clusters of events have no inliers; per cluster (median):"
         f" {seen}; {first.advice}"
+    )
+
+
+def _nothing_lost(reports: Sequence[ClusterReport]) -> str:
+    """Say what was seen where no cluster lost landmarks: a camera at rest, or too few clusters."""
+    still = sum(report.at_rest for report in reports)
+    if not still:
+        return f"{len(reports)} clusters of events; is the recording long enough?"
+    return (
+        f"in {still} of {len(reports)} clusters of events nothing moved: they hold few events, or"
+        " as even ones over the sensor as noise; does the camera move, is its lens uncovered?"
     )
 
 

@@ -71,6 +71,13 @@ def test_numbers_are_medians_of_clusters_without_inliers_in_which_something_move
     assert "0 clusters" in lost_stage([])
 
 
+def test_a_camera_at_rest_is_said_and_no_short_recording() -> None:
+    still = replace(GOOD, tracking=TrackingReport(0, 0, 0, 0, at_rest=True))
+    message = lost_stage([still] * 20)
+    assert "in 20 of 20 clusters of events nothing moved" in message
+    assert "long enough" not in message
+
+
 @pytest.fixture(scope="module")
 def room() -> SimulatedRecording:
     return simulate(SimulationConfig(seed=3, duration=0.5, resolution=SIZE, focal_length=100.0))
