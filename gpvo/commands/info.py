@@ -175,7 +175,8 @@ class Summary:
         else:
             unknown = without_calibration(recording.path)
             facts += [("sensor", self._stated_sensor()), ("calibration", unknown)]
-        return [*facts, ("ground truth", "\n".join(self.ground_truth) or "none found")]
+        missing = "none found" if self.calibrated else "not looked for without a calibration"
+        return [*facts, ("ground truth", "\n".join(self.ground_truth) or missing)]
 
 
 def without_calibration(recording: Path) -> str:

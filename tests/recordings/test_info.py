@@ -140,6 +140,7 @@ def test_info_and_convert_without_a_calibration(tmp_path: Path, calibration: Pat
     folder = tmp_path / "raw"
     calibration.rename(tmp_path / "elsewhere")
     output = invoke("info", folder)
+    assert "not looked for without a calibration" in " ".join(output.replace("│", " ").split())
     assert "none found" in output and "64 x 48" in output
     output = invoke("convert", folder, tmp_path / "out/a.bag")
     assert "900 left and 800 right events; calibration none found" in output
