@@ -18,22 +18,26 @@ LINES = 20
 
 @contextmanager
 def run_progress(
-    console: Console, start: float, stop: float
+    console: Console, start: float, stop: float, clock: Callable[[], float]
 ) -> Iterator[Callable[[ClusterReport], None]]:
-    """Show recording time, events per second, tracklets and real-time factor, a cluster a call."""
+    """Show recording time, events per second, tracklets and real-time factor, a cluster a call.
+
+    `clock` returns seconds; it should stand still while kernels are compiled.
+    """
     columns = (
         TextColumn("{task.fields[seconds]:.2f} of {task.total:.2f} s"),
         BarColumn(),
         TextColumn("{task.fields[speed]}"),
     )
-    events, began, said = 0, time.perf_counter(), start
+    events, began, said = 0, clock(), start
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=stop - start, seconds=0.0, speed="")
 
         def advance(report: ClusterReport) -> None:
             nonlocal events, said
             events += report.events
-            spent, done = time.perf_counter() - began, report.stop - start
+            spent = max(clock() - began, 1e-3)
+            done = report.stop - start
             speed = (
                 f"{events / spent / 1e6:.2f} M events/s, {report.inliers} of {report.tracklets}"
                 f" tracklets, {done / spent:.2f} x real time"

@@ -75,7 +75,7 @@ def run_and_write(
         with (
             watch.observer(meter.stages, truth, recording.start_ns) as observer,
             live_file(folder / "trajectory.tum", lambda: recording.start_ns) as append_final,
-            run_progress(console, start, stop) as show,
+            run_progress(console, start, stop, meter.clock) as show,
         ):
             seen = Seen()
             watcher = observers(seen, observer, append_final, lambda step: show(step.report))

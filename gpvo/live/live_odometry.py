@@ -141,8 +141,8 @@ class LiveOdometry:
     def interrupted(self, on_purpose: bool = False) -> list[ClusterReport]:
         """Say that data is missing between the events so far and the next ones.
 
-        What waits is estimated. Without this a time without events is one in which nothing moved.
-        It is taken for a fault of the cameras unless the events were left out `on_purpose`.
+        What waits is estimated. The time until the next events is taken for a fault of the cameras
+        unless events were left out `on_purpose`.
         """
         with self._lock:
             self._check_open()

@@ -91,13 +91,13 @@ class CostMeter:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Add the time spent inside the context to a stage."""
-        start = self._ready()
+        start = self.clock()
         try:
             yield
         finally:
-            self.stages[name] = self.stages.get(name, 0.0) + self._ready() - start
+            self.stages[name] = self.stages.get(name, 0.0) + self.clock() - start
 
-    def _ready(self) -> float:
+    def clock(self) -> float:
         """Return a time, seconds, that stands still while kernels are compiled or loaded."""
         return time.perf_counter() - self.compilation.elapsed()
 
