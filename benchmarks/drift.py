@@ -39,7 +39,7 @@ from gpvo.evaluation.metrics.ate_rpe import (
 from gpvo.evaluation.metrics.statistics import Statistics
 from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.report.result_folder import make_folder
-from gpvo.evaluation.report.table import to_markdown, to_rich
+from gpvo.evaluation.report.table import print_table, to_markdown
 from gpvo.mapping.recorder import MeasurementRecorder
 from gpvo.odometry import Odometry
 from gpvo.simulation import SimulatedRecording
@@ -177,7 +177,7 @@ def main(
             write_summary(options.output / "drift.json", results, facts)
     tables = [case_table(results, case.name) for case in cases]
     for table in tables:
-        console.print(to_rich(table))
+        print_table(console, table)
     if options.output is not None:
         (options.output / "drift.md").write_text("\n".join(map(to_markdown, tables)), "utf-8")
     return results

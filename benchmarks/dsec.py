@@ -17,7 +17,7 @@ from benchmarks.published import DSEC_ATE
 from gpvo.errors import InputError
 from gpvo.evaluation.protocol import Protocol
 from gpvo.evaluation.report.paper_tables import best_marked, metres
-from gpvo.evaluation.report.table import Cell, ResultTable, to_rich
+from gpvo.evaluation.report.table import Cell, ResultTable, print_table
 
 PROTOCOL = Protocol(align_body="rotation")
 """Trajectories of others have another rectification, and their ground truth is the lidar's."""
@@ -77,7 +77,7 @@ def main(
         find_sequence(options.data, options.trajectories, name) for name in options.sequences
     ]
     outcomes = run_benchmark(options, sequences, PROTOCOL, console)
-    console.print(to_rich(ate_table(outcomes)))
+    print_table(console, ate_table(outcomes))
     return outcomes
 
 

@@ -23,7 +23,7 @@ from gpvo.commands.workers import in_order
 from gpvo.config import Configuration
 from gpvo.errors import InputError
 from gpvo.evaluation.metrics.nees import mean_nees_interval, nees
-from gpvo.evaluation.report.table import Cell, ResultTable, to_rich
+from gpvo.evaluation.report.table import Cell, ResultTable, print_table
 from gpvo.odometry import Odometry
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 from gpvo.simulation.motion import Motion, MotionName
@@ -159,7 +159,7 @@ def main(
         for seed in seeds
     ]
     runs = list(in_order(run, tasks, options.jobs, None))
-    console.print(to_rich(summary(runs)))
+    print_table(console, summary(runs))
     if options.output is not None:
         text = json.dumps([asdict(one) for one in runs], indent=1)
         options.output.write_text(text + "\n", "utf-8")

@@ -24,7 +24,7 @@ from gpvo.errors import InputError
 from gpvo.evaluation.report.machine import machine, machine_text
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import peak_memory_bytes
-from gpvo.evaluation.report.table import Cell, ResultTable, to_markdown, to_rich
+from gpvo.evaluation.report.table import Cell, ResultTable, print_table, to_markdown
 from gpvo.odometry import Odometry
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 
@@ -225,7 +225,7 @@ def main(arguments: Sequence[str] | None = None, console: Console | None = None)
         "Cost by resolution, rate of events and features", HEADINGS, rows, len(rows)
     )
     lines = [*findings(by_rate, by_features), machine_text(machine())]
-    console.print(to_rich(table))
+    print_table(console, table)
     console.print("\n".join(lines), highlight=False)
     if options.output is not None:
         text = to_markdown(table) + "\n" + "\n".join(f"- {line}" for line in lines) + "\n"

@@ -31,7 +31,7 @@ from gpvo.evaluation import evaluate
 from gpvo.evaluation.report.machine import machine_text
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import cost_table, total_cost
-from gpvo.evaluation.report.table import ResultTable, to_markdown, to_rich
+from gpvo.evaluation.report.table import ResultTable, print_table, to_markdown
 
 STEP = 0.01
 """Seconds between the poses that are compared."""
@@ -147,7 +147,7 @@ def main(
     if costs:
         tables.append(cost_table({"all runs": total_cost(costs)}))
     for table in tables:
-        console.print(to_rich(table))
+        print_table(console, table)
     for text in dict.fromkeys(machine_text(cost.machine) for cost in costs):
         console.print(
             f"{text}; reading included, loading kernels not", style="dim", highlight=False

@@ -19,7 +19,7 @@ from gpvo.evaluation.poses.find import SequenceSources, find_sources
 from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import read_cost
-from gpvo.evaluation.report.table import to_rich
+from gpvo.evaluation.report.table import print_table
 
 
 def evaluate(
@@ -155,7 +155,7 @@ def at_states_of_competitor(contenders: Sequence[Contender]) -> list[Contender]:
 def print_comparison(comparison: Comparison, console: Console) -> None:
     """Print the tables of one sequence, how they were computed, and warnings."""
     for table in comparison.tables():
-        console.print(to_rich(table), crop=False)
+        print_table(console, table)
     for warning in comparison.warnings():
         console.print(warning, style="yellow", highlight=False)
     for name, offset in comparison.time_offsets.items():

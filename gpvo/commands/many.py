@@ -19,7 +19,7 @@ from gpvo.config import Configuration, configuration_text
 from gpvo.errors import InputError
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import COST_FILE
-from gpvo.evaluation.report.table import Cell, ResultTable, to_rich
+from gpvo.evaluation.report.table import Cell, ResultTable, print_table
 from gpvo.trajectory.whole_file import whole_file
 
 SUMMARY = "summary.json"
@@ -86,7 +86,7 @@ def run_many(
         _write_summary(folder, outcomes)
         console.print(f"{outcome.name}: {outcome.said}", highlight=False)
     ordered = [outcomes[name] for name in named]
-    console.print(to_rich(summary_table(ordered, folder)))
+    print_table(console, summary_table(ordered, folder))
     console.print(f"results: {folder}")
     return max(outcome.status for outcome in ordered)
 

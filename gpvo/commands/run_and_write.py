@@ -25,7 +25,7 @@ from gpvo.evaluation.report.compilation import CompilationTimer
 from gpvo.evaluation.report.machine import machine_text
 from gpvo.evaluation.report.paper_tables import evaluation_tables
 from gpvo.evaluation.report.run_time import CostMeter, cost_table, write_cost
-from gpvo.evaluation.report.table import to_rich
+from gpvo.evaluation.report.table import print_table
 from gpvo.observer import observers
 from gpvo.odometry import Odometry
 from gpvo.recordings import Recording
@@ -136,11 +136,11 @@ def write_results(
     landmarks = seen.write(folder, odometry, trajectory, evaluation, plots)
     write_cost(folder, cost)
     console.print(result.table())
-    console.print(to_rich(cost_table({"gpvo": cost})))
+    print_table(console, cost_table({"gpvo": cost}))
     console.print(machine_text(cost.machine), style="dim", highlight=False)
     if evaluation is not None:
         for table in evaluation_tables(evaluation):
-            console.print(to_rich(table))
+            print_table(console, table)
     console.print(f"map: {len(landmarks)} landmarks")
     console.print(f"results: {folder}")
     return judged

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from html import escape as escape_html
 
-from rich.console import JustifyMethod
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
@@ -51,8 +51,7 @@ class ResultTable:
 def to_rich(table: ResultTable) -> Table:
     """Format a table for the terminal, with names as they are, also with brackets.
 
-    Long names are wrapped. Numbers never are: a table of many columns may be wider than the
-    terminal, where it is to be printed without cropping.
+    Long names are wrapped, numbers never: a table of many columns may be wider than the terminal.
     """
     rich = Table(title=Text(table.title, "table.title"), title_justify="left")
     for index, heading in enumerate(table.headings):
@@ -63,6 +62,11 @@ def to_rich(table: ResultTable) -> Table:
     for number, row in enumerate(table.rows, start=1):
         rich.add_row(*map(_rich_cell, row), end_section=number % table.group == 0)
     return rich
+
+
+def print_table(console: Console, table: ResultTable) -> None:
+    """Print a table whole, even if it is wider than the terminal."""
+    console.print(to_rich(table), crop=False)
 
 
 def _rich_cell(cell: Cell) -> Text:
