@@ -15,7 +15,7 @@ from gpvo.commands.map_error import map_error
 from gpvo.commands.result import writing
 from gpvo.errors import InputError
 from gpvo.evaluation.comparison import Comparison, compare
-from gpvo.evaluation.poses.find import SequenceSources, find_sources
+from gpvo.evaluation.poses.find import SequenceSources, find_sources, require_different_names
 from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import read_cost
@@ -98,7 +98,9 @@ def evaluate_command(
     """
     if output is not None:
         make_folder(output)
-    competitors = dict(parse_competitor(text) for text in against)
+    named = [parse_competitor(text) for text in against]
+    require_different_names(named)
+    competitors = dict(named)
     comparisons = []
     for sources in find_sources(estimate, ground_truth, competitors):
         contenders = load_contenders(sources, calibration, at_competitor=bool(competitors))

@@ -80,6 +80,14 @@ def test_numbers_are_whole_beside_many_long_names(sequence):
             assert all(cell.text in text for cell in cells)
 
 
+@pytest.mark.parametrize("names", [("ESVO", "ESVO"), ("gpvo",)])
+def test_two_estimates_of_one_name_are_refused(sequence, names):
+    """Of two competitors one was left out in silence; a plot of paths lost one of both."""
+    against = [f"{name}={sequence / 'esvo.txt'}" for name in names]
+    with pytest.raises(InputError, match=f"esvo.txt: its name, {names[0]}, is"):
+        run(sequence / "results", sequence / "truth.txt", against=against)
+
+
 def test_the_cost_of_a_result_stands_beside_its_errors(reported):
     report, cost, (comparison,), text = reported
     assert comparison.costs == {"gpvo": cost}

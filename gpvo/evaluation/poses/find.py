@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -59,7 +59,8 @@ def find_sources(
     Raises
     ------
     InputError
-        If there is no such file, no estimate in it, or no ground truth for it.
+        If there is no such file, no estimate in it, no ground truth for it, or two estimates have
+        one name.
     """
     split_topic(path)
     if not path.is_dir() or (path / "metadata.yaml").exists() or _holds_trajectory(path):
@@ -113,7 +114,20 @@ def _sequence(
     ]
     for label, path in against.items():
         sources.append(Source(label, path, sources[0].ground_truth))
+    require_different_names([(source.name, source.estimate) for source in sources])
     return SequenceSources(name, sources)
+
+
+def require_different_names(named: Iterable[tuple[str, Path]]) -> None:
+    """Raise InputError if two estimates have one name: tables and plots go by names."""
+    files: dict[str, Path] = {}
+    for name, file in named:
+        if name in files:
+            raise InputError(
+                f"{file}: its name, {name}, is that of {files[name]}, too; rename one, or"
+                " name the competitor otherwise in --against NAME=FILE"
+            )
+        files[name] = file
 
 
 def _label(path: Path) -> str:
