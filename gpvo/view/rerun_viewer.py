@@ -93,8 +93,8 @@ class RerunViewer:
         self._recording.log("world/ground_truth", strip, static=True)
 
     def show_trajectory(self, trajectory: Trajectory, interval: float = 0.05) -> None:
-        """Show a whole trajectory, every `interval` seconds."""
-        for t in np.arange(trajectory.start, trajectory.stop, interval):
+        """Show a whole trajectory, every `interval` seconds and at its end."""
+        for t in [*np.arange(trajectory.start, trajectory.stop, interval), trajectory.stop]:
             T, twist = trajectory.pose(t), trajectory.velocity(t)
             covariance = trajectory.covariance(t)
             so_far = trajectory.pose(np.linspace(trajectory.start, t, MOST_POINTS))

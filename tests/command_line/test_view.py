@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from run_files import RecordingFiles
 
@@ -60,9 +61,13 @@ def test_the_file_holds_what_the_run_saw_and_found(
     again = tmp_path / "again.rrd"
     assert gpvo("view", output, "--save", again)[0] == 0
     assert set(entities(again)) >= MOTION | {"world/landmarks"}
+    trajectory = Trajectory.load(output / "trajectory.npz")
+    interval = 0.05
+    shown = np.ceil((trajectory.stop - trajectory.start) / interval) + 1  # and its end
+    assert entities(again)["world/camera"] == shown
     # The true path begins where the estimated one does, not with the recording's first event.
-    first = Trajectory.load(output / "trajectory.npz")
-    assert begins == pytest.approx([int(first.stamps_ns(first.start))] * 2, abs=2000)
+    first_ns = int(trajectory.stamps_ns(trajectory.start))
+    assert begins == pytest.approx([first_ns] * 2, abs=2000)
 
 
 def test_what_is_no_result_is_one_line(gpvo: Callable, tmp_path: Path) -> None:
