@@ -126,7 +126,7 @@ def _greedy_spacing(
     if len(points) == 0:
         return np.empty(0, np.int64)
     reach = spacing - 1
-    width, height = points[:, 0].max() + spacing + 1, points[:, 1].max() + spacing + 1
+    width, height = points[:, 0].max() + 1, points[:, 1].max() + 1
     occupied = np.zeros((height, width), np.bool_)
     numbers = np.zeros((height // crowd[1] + 1, width // crowd[0] + 1), np.int64)
     kept = np.empty(max(0, count), np.int64)

@@ -195,3 +195,9 @@ def test_spaced_features_are_the_greedy_choice(
             expected.append(i)
     chosen = strongest_spaced(points, strength, taken, spacing, count, crowd)
     assert chosen.tolist() == expected
+
+
+def test_one_feature_is_left_where_they_are_farther_apart_than_the_image_is_wide() -> None:
+    points, strength = np.array([[3, 4], [90, 70]], np.int32), np.array([1.0, 2.0], np.float32)
+    chosen = strongest_spaced(points, strength, np.empty((0, 2), np.float32), 10**9, 5)
+    assert chosen.tolist() == [1]
