@@ -241,8 +241,8 @@ def half_resolution(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def smooth(image: NDArray[np.uint8], deviation: float) -> NDArray[np.uint8]:
     """Blur a binary frame by a Gaussian and brighten it.
 
-    Brightening keeps the contrast of thin contours.
+    Brightening keeps the contrast of thin contours. A small blur leaves them, and is not darkened.
     """
     blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), deviation)
-    blurred *= np.float32(1.5 * deviation)
+    blurred *= np.float32(max(1.0, 1.5 * deviation))
     return np.minimum(blurred, np.float32(255), out=blurred).astype(np.uint8)

@@ -22,6 +22,7 @@ from gpvo.tracking.features import (
     extrema,
     gradients,
     half_resolution,
+    smooth,
     strongest_spaced,
 )
 from gpvo.tracking.responses import BLOB_MASK, CORNER_MASK, blob_and_corner
@@ -201,3 +202,10 @@ def test_one_feature_is_left_where_they_are_farther_apart_than_the_image_is_wide
     points, strength = np.array([[3, 4], [90, 70]], np.int32), np.array([1.0, 2.0], np.float32)
     chosen = strongest_spaced(points, strength, np.empty((0, 2), np.float32), 10**9, 5)
     assert chosen.tolist() == [1]
+
+
+@pytest.mark.parametrize("deviation", [1e-6, 0.1, 0.3])
+def test_a_blur_of_less_than_a_pixel_leaves_contours_their_contrast(deviation: float) -> None:
+    line = np.zeros((20, 20), np.uint8)
+    line[:, 10] = 255
+    np.testing.assert_allclose(smooth(line, deviation), line, atol=3)
