@@ -51,7 +51,7 @@ def key_times(last: float, measured: Array, stop: float, interval: float) -> Arr
     times: list[float] = []
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
         count = int(np.ceil((end - start) / interval - 1e-6))
-        times += np.linspace(start, end, max(count, 0) + 1).tolist()
+        times += np.linspace(start, end, max(count, 1) + 1).tolist()
     return state_times(np.array(times), 0.0, last)
 
 

@@ -78,6 +78,11 @@ def test_a_gap_has_key_states_at_its_ends_alone() -> None:
     assert np.allclose(t, [1.04, 4.1, 4.14, 4.18])
 
 
+@pytest.mark.parametrize("interval", [1.0, 1e5, 1e300])
+def test_the_end_has_a_key_state_however_long_the_interval(interval: float) -> None:
+    assert key_times(1.0, np.array([1.02]), 1.05, interval).tolist() == [1.05]
+
+
 def noise_of(rotation: float, translation: float, information: float = 1.0) -> NoiseConfig:
     """Noise with a Q_c of equal parts and equal information of u and v."""
     psd = (rotation,) * 3 + (translation,) * 3
