@@ -12,7 +12,7 @@ class ClusteringConfig(StageConfig):
 
     window: float = Field(
         default=0.25,
-        gt=0,
+        ge=1e-3,
         description="Longest duration of a cluster, seconds: that of slow motion, and of a camera "
         "at rest. 0.1 in the paper.",
     )

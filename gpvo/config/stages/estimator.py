@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from gpvo.config.stages.stage import StageConfig
 
 LEAST_NOISE, MOST_NOISE = 1e-12, 1e6
 """Densities and informations that mean something beside others, as that of a thousandth pixel."""
 NoiseNumber = Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)]
+LEAST_INTERVAL = 1e-3
+"""Seconds between key states, or states with covariances: with less, runs come to no end."""
 Vector3 = tuple[NoiseNumber, NoiseNumber, NoiseNumber]
 Vector6 = tuple[NoiseNumber, NoiseNumber, NoiseNumber, NoiseNumber, NoiseNumber, NoiseNumber]
 
@@ -70,7 +72,10 @@ class NoiseConfig(StageConfig):
         "of a hand, a car or a drone. It changes no estimate.",
     )
     initial_velocity: float = Field(
-        default=1.0, gt=0, description="Standard deviation of the first velocity, rad/s and m/s."
+        default=1.0,
+        ge=1e-6,
+        le=1e6,
+        description="Standard deviation of the first velocity, rad/s and m/s.",
     )
 
 
@@ -92,6 +97,7 @@ class EstimatorConfig(StageConfig):
     window: int = Field(
         default=5,
         ge=2,
+        le=1_000_000,
         description="Lag in updates, which are at clusters' ends: how many of the latest are in "
         "the window.",
     )
@@ -155,9 +161,17 @@ class EstimatorConfig(StageConfig):
     )
     covariance_interval: float = Field(
         default=0.02,
-        gt=0,
+        ge=LEAST_INTERVAL,
         description="Time between states whose joint covariance is kept, seconds.",
     )
+
+    @field_validator("state_interval")
+    @classmethod
+    def _is_none_or_long(cls, value: float) -> float:
+        """Refuse key states that are nearer than any measurements."""
+        if 0 < value < LEAST_INTERVAL:
+            raise ValueError(f"give 0 for unique times, or at least {LEAST_INTERVAL} s")
+        return value
 
     @model_validator(mode="before")
     @classmethod

@@ -21,11 +21,12 @@ class KltConfig(StageConfig):
     patch_size: int | None = Field(
         default=None,
         ge=5,
+        le=1000,
         description="Side of the patch, pixels; null for what suits the focal length: 1.8 times "
         "its square root, at most 31.",
     )
     pyramid_levels: int = Field(
-        default=3, ge=0, description="Coarser pyramid levels above the image."
+        default=3, ge=0, le=30, description="Coarser pyramid levels above the image."
     )
     max_features: int = Field(
         default=300, ge=1, description="Most features per frame and resolution."
@@ -42,7 +43,9 @@ class KltConfig(StageConfig):
         description="Features per second of all frames together that there is time for: where "
         "frames follow each other more slowly, each has more.",
     )
-    spacing: int = Field(default=8, ge=1, description="Smallest distance between features, pixels.")
+    spacing: int = Field(
+        default=8, ge=1, le=65_535, description="Smallest distance between features, pixels."
+    )
     crowding: float | None = Field(
         default=1.5,
         ge=1,

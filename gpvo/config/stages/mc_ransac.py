@@ -10,8 +10,10 @@ from gpvo.config.stages.stage import StageConfig
 class McRansacConfig(StageConfig):
     """Section III-B: motion-compensated RANSAC."""
 
-    iterations: int = Field(default=10_000, ge=1, description="Samples of the fast version.")
-    sample_size: int = Field(default=3, ge=3, description="Tracklets per sample, M_rand.")
+    iterations: int = Field(
+        default=10_000, ge=1, le=1_000_000, description="Samples of the fast version."
+    )
+    sample_size: int = Field(default=3, ge=3, le=100, description="Tracklets per sample, M_rand.")
     relative_threshold: float = Field(
         default=0.05, gt=0, description="Largest e_rel of an inlier: error over segment length."
     )
@@ -52,6 +54,7 @@ class McRansacConfig(StageConfig):
     refinement_iterations: int = Field(
         default=20,
         ge=1,
+        le=1_000_000,
         description="Largest number of Gauss-Newton steps of the iterative version.",
     )
     refinement_tolerance: float = Field(

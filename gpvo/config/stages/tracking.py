@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from gpvo.config.stages.klt import KltConfig
 from gpvo.config.stages.stage import StageConfig
@@ -73,6 +73,7 @@ class TrackingConfig(StageConfig):
     earlier_frames: int = Field(
         default=4,
         ge=1,
+        le=1000,
         description="Number of earlier frames that tracklets of LIBVISO2's features are extended "
         "over; patches have anchors instead.",
     )
@@ -80,6 +81,14 @@ class TrackingConfig(StageConfig):
     klt: KltConfig = KltConfig()
     viso2: Viso2Config = Viso2Config()
     compensation: CompensationConfig = CompensationConfig()
+
+    @field_validator("resolutions")
+    @classmethod
+    def _are_different(cls, value: tuple[int, ...] | None) -> tuple[int, ...] | None:
+        """Refuse a resolution that is tracked twice: its measurements would count twice."""
+        if value is not None and len(set(value)) < len(value):
+            raise ValueError("each resolution can be tracked once; name it once")
+        return value
 
     @model_validator(mode="before")
     @classmethod

@@ -48,6 +48,7 @@ class TrackletConfig(StageConfig):
     history: int = Field(
         default=10,
         ge=2,
+        le=1_000_000,
         description="Clusters that tracklets are remembered for; in slow motion they take long to "
         "reach `min_length`.",
     )
