@@ -20,6 +20,8 @@ from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.states import States
 
 Array = NDArray[np.float64]
+NO_CHANGE = 1e-9
+"""Change of the cost that says nothing, whatever its share: measurements agree but for rounding."""
 SMALLEST_PART = 8
 """States that are eliminated in order of time, not halved further."""
 
@@ -79,13 +81,10 @@ class Window:
         """
         numbers, config = range(len(self.states)), build.config
         ordering = nested_dissection(numbers, self.states.t, self.measurements)
+        parameters = gauss_newton_parameters(config.iterations, config.relative_decrease)
+        parameters.setAbsoluteErrorTol(NO_CHANGE)
         try:
-            values = optimize(
-                self.graph(build),
-                self.values(build),
-                gauss_newton_parameters(config.iterations, config.relative_decrease),
-                ordering,
-            )
+            values = optimize(self.graph(build), self.values(build), parameters, ordering)
         except ValueError as error:
             raise RuntimeError(str(error)) from error
         return states_of(values, numbers, self.states.t)

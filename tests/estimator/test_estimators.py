@@ -43,6 +43,22 @@ def test_weak_velocity_prior_leaves_the_exact_motion(method: str) -> None:
     assert np.abs(errors(trajectory)).max() < 1e-6
 
 
+@pytest.mark.parametrize("share", [0.01, 1e-4])
+def test_gauss_newton_ends_by_the_share_of_the_cost_not_by_its_size(share: float) -> None:
+    """All variances times a number have the same optimum, and the same steps to it."""
+    seen, many = tracklets(noise=0.5), 1e6
+    noise = NoiseConfig(measurement_information=(0.5, 0.5, 0.1))
+    vague = NoiseConfig(
+        acceleration_psd=tuple(many * value for value in noise.acceleration_psd),
+        measurement_information=tuple(value / many for value in noise.measurement_information),
+        initial_velocity=np.sqrt(many) * noise.initial_velocity,
+    )
+    found, same = (
+        estimate(seen, one, method="batch", relative_decrease=share) for one in (noise, vague)
+    )
+    np.testing.assert_allclose(same.T_world_cam, found.T_world_cam, atol=1e-6)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_every_unique_time_is_a_state(method: str) -> None:
     measurements = tracklets()
