@@ -68,7 +68,8 @@ class DeadReckoning:
         """
         if not until - max(last, self._measured) > self._bridge + SAME_TIME:
             return np.empty(0)
-        loose, forgotten = self._measured + LOOSE, self._measured + self._bridge
+        loose = self._measured + min(LOOSE, self._bridge)
+        forgotten = self._measured + self._bridge
         count = min(int(np.ceil((until - forgotten) / (MEMORY / 2))), MOST_STEPS)
         t = np.append(loose, np.linspace(forgotten, until, count + 1))
         return t[t > last + SAME_TIME]

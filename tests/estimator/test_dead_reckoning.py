@@ -265,6 +265,15 @@ def test_a_break_has_states_where_the_motion_is_guessed_otherwise(last: float) -
     assert len(DeadReckoning(0.0).steps(last, 1000.0)) == 0
 
 
+@pytest.mark.parametrize("bridge", [1e-9, 0.01, LOOSE / 2])
+def test_states_of_a_break_are_within_it_however_short_the_bridge(bridge: float) -> None:
+    reckoning = DeadReckoning(bridge)
+    reckoning.measured(1.0, np.zeros(6), ENOUGH)
+    steps = reckoning.steps(1.0, 1.15)
+    assert len(steps) > 0 and steps[-1] == 1.15
+    assert (np.diff(steps) >= 0).all() and steps[0] > 1.0
+
+
 @pytest.mark.parametrize("seed", [2, 3])
 def test_a_break_without_clusters_is_as_one_with_clusters_that_show_nothing(seed: int) -> None:
     """Events that are missing, and those of a covered lens: the same is known of the motion."""
