@@ -36,12 +36,14 @@ PAPER: dict[str, Any] = {
         "resolutions": [1, 2],
         "image": "binary",
         "klt": {
+            "crowding": None,
+            "candidates": 1.0,
             "anchor_correlation": 1.0,
             "slopes": False,
             "deviations": False,
             "lost_landmarks": 0,
         },
-        "compensation": {"lag_share": 0.0, "density": None},
+        "compensation": {"lag_share": 0.0, "little_motion": 0.0, "density": None},
     },
     "tracklets": {
         "time_radius": 0.0,

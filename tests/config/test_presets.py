@@ -45,6 +45,15 @@ def test_values_of_section_iv_a_of_the_paper() -> None:
     assert PAPER.noise.track_drift == 0.0
 
 
+def test_the_paper_has_none_of_the_ways_that_departed_from_it() -> None:
+    """Whichever tracker and image are set by hand beside it."""
+    klt, compensation = PAPER.tracking.klt, PAPER.tracking.compensation
+    assert (klt.crowding, klt.candidates, klt.anchor_correlation) == (None, 1.0, 1.0)
+    assert (klt.slopes, klt.deviations, klt.lost_landmarks) == (False, False, 0)
+    assert (compensation.lag_share, compensation.little_motion) == (0.0, 0.0)
+    assert compensation.density is None
+
+
 def test_the_paper_looks_at_all_events() -> None:
     clustering = PAPER.clustering
     assert (clustering.background_filter, clustering.hot_pixel_ratio) == (0.0, 0.0)

@@ -14,7 +14,7 @@ class ClusteringConfig(StageConfig):
         default=0.25,
         ge=1e-3,
         description="Longest duration of a cluster, seconds: that of slow motion, and of a camera "
-        "at rest. 0.1 in the paper.",
+        "at rest. User-specified in the paper.",
     )
     motion: float = Field(
         default=2.2,

@@ -86,7 +86,8 @@ class EstimatorConfig(StageConfig):
         default="fixed_lag",
         description="fixed_lag: GTSAM's IncrementalFixedLagSmoother, which keeps what is known "
         "from before the window and takes factors of your own; batch: Gauss-Newton over the window "
-        "alone, every state and landmark a variable of a GTSAM graph, as in the paper.",
+        "alone, every state and landmark a variable of a GTSAM graph, with the noise as it is "
+        "given, as in the paper.",
     )
     interval: float = Field(
         default=0.02,
@@ -157,7 +158,7 @@ class EstimatorConfig(StageConfig):
         ge=0,
         description="How long the velocity is kept where nothing measures it, seconds: later the "
         "camera is as likely to stand still, and after such a break the motion is estimated anew. "
-        "0 keeps it for ever, as in the paper.",
+        "It is to be longer than clusters are apart. 0 keeps it for ever, as in the paper.",
     )
     covariance_interval: float = Field(
         default=0.02,

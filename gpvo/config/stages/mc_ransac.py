@@ -31,7 +31,10 @@ class McRansacConfig(StageConfig):
         "of an outlier. 0 for the paper's rule.",
     )
     span: int = Field(
-        default=4, ge=1, description="Clusters between the two measurements of a segment, at most."
+        default=4,
+        ge=1,
+        description="Clusters between the two measurements of a segment, at most, of clusters that "
+        "follow each other: with `clustering.spacing` they are so many times fewer, at least one.",
     )
     confidence: float = Field(
         default=0.9999,

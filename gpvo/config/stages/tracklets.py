@@ -14,7 +14,8 @@ class TrackletConfig(StageConfig):
         default=15.0,
         ge=0,
         description="A feature's time is the mean of the SAE within this radius, tracked pixels: "
-        "the patch that is tracked. 0 takes the nearest event's time alone, as the paper does.",
+        "the patch that is tracked. 0 takes the nearest event's time alone, as the paper does. "
+        "Features of motion-compensated images have `compensation.time_radius` instead.",
     )
     max_stereo_time_difference: float = Field(
         default=0.020, gt=0, description="Largest time difference between left and right, seconds."
