@@ -21,6 +21,8 @@ an occluding edge, or two landmarks taken for one."""
 LARGEST_DEVIATION = 0.1
 """Standard deviation relative to the depth above which a landmark says little."""
 STEPS = 6
+LEAST_INFORMATION = 1e-14
+"""Relative to the largest of the three directions, below which one of them is not determined."""
 
 
 def triangulate(
@@ -49,8 +51,10 @@ def triangulate(
     position = _begin(known, T_cam_world, of, len(number), camera)
     for _ in range(STEPS):
         _, H, g, _ = _system(position, known, T_cam_world, of, camera, weights)
+        H, _ = _solvable(H)
         position = position - np.linalg.solve(H, g[..., None])[..., 0]
     chi2, H, _, depth = _system(position, known, T_cam_world, of, camera, weights)
+    H, determined = _solvable(H)
     last = first + count - 1
     fitted = LandmarkMap(
         number,
@@ -61,7 +65,18 @@ def triangulate(
         known.t[last],
         np.bincount(of, depth, len(number)) / count,
     )
-    return fitted[_are_good(fitted, chi2 / (3 * count))]
+    return fitted[determined & _are_good(fitted, chi2 / (3 * count))]
+
+
+def _solvable(H: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return H (L, 3, 3), infinite where it determines no point, and where (L,) it does.
+
+    Landmarks whose measurements contradict each other run away to where these say nothing.
+    """
+    finite = np.isfinite(H).all(axis=(1, 2), keepdims=True)
+    eigenvalues = np.linalg.eigvalsh(np.where(finite, H, 0.0))
+    determined = eigenvalues[:, 0] > LEAST_INFORMATION * eigenvalues[:, 2]
+    return np.where(determined[:, None, None], H, np.diag(np.full(3, np.inf))), determined
 
 
 def _are_good(fitted: LandmarkMap, mean_chi2: Array) -> NDArray[np.bool_]:

@@ -72,6 +72,20 @@ def test_what_is_no_point_or_was_hardly_seen_is_left_out() -> None:
     assert found.landmark.tolist() == [0, 3]
 
 
+def test_landmarks_that_run_away_to_where_nothing_is_measured_are_left_out() -> None:
+    """The measurements of 100 far ones contradict each other; a right one beside them stays."""
+    rng = np.random.default_rng(4)
+    right, landmark = measured(room(rng, 1), rng, 0.3), np.repeat(np.arange(1, 101), 4)
+    stereo = rng.uniform([0, 0, 0.01], [240, 180, 2], (len(landmark), 3))
+    t = rng.uniform(0, 1, len(landmark))
+    wrong = Measurements(landmark, np.zeros(len(landmark), np.int64), t, stereo)
+    seen = Measurements.concatenate([right, wrong])
+    found = triangulate(straight(), seen, CAMERA, INFORMATION)
+    alone = triangulate(straight(), right, CAMERA, INFORMATION)
+    assert found.landmark.tolist() == alone.landmark.tolist() == [0]
+    np.testing.assert_array_equal(found.position, alone.position)
+
+
 def test_no_measurements_are_an_empty_map() -> None:
     assert len(triangulate(straight(), Measurements.concatenate([]), CAMERA, INFORMATION)) == 0
 
