@@ -8,6 +8,9 @@ from pydantic import Field
 
 from gpvo.config.stages.stage import StageConfig
 
+LARGEST = 65_535
+"""Width or height of an image, pixels, at most: columns and rows of events are uint16."""
+
 
 class FeatureConfig(StageConfig):
     """LIBVISO2's blob and corner detector."""
@@ -30,13 +33,19 @@ class Viso2Config(StageConfig):
         "LIBVISO2, which knows grey images: of a raw binary frame few features are found again.",
     )
     flow_radius: int = Field(
-        default=40, ge=1, description="Search half range per frame of temporal distance, pixels."
+        default=40,
+        ge=1,
+        le=LARGEST,
+        description="Search half range per frame of temporal distance, pixels.",
     )
     max_disparity: int = Field(
-        default=100, ge=1, description="Search range of stereo matches, pixels."
+        default=100, ge=1, le=LARGEST, description="Search range of stereo matches, pixels."
     )
     row_tolerance: int = Field(
-        default=1, ge=0, description="Largest row difference between left and right, pixels."
+        default=1,
+        ge=0,
+        le=LARGEST,
+        description="Largest row difference between left and right, pixels.",
     )
     two_stage: bool = Field(
         default=True,
@@ -51,6 +60,7 @@ class Viso2Config(StageConfig):
     range_cell: int = Field(
         default=50,
         ge=1,
+        le=LARGEST,
         description="Side of the cells that have search ranges of their own, pixels.",
     )
     least_range: float = Field(
@@ -77,7 +87,10 @@ class Viso2Config(StageConfig):
         description="How far positions are refined on the gradients around them.",
     )
     bucket_size: int = Field(
-        default=50, ge=1, description="Side of the cells that few features are kept of, pixels."
+        default=50,
+        ge=1,
+        le=LARGEST,
+        description="Side of the cells that few features are kept of, pixels.",
     )
     bucket_features: int = Field(
         default=0,
