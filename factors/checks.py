@@ -20,6 +20,8 @@ Poses = Pose | Sequence[gtsam.Pose3]
 
 _ORTHONORMAL = 1e-5
 """Largest error of RᵀR: much for rounding in single precision, little for an estimate."""
+_ROUNDING = 1e-12
+"""Largest error of the last row, which rounding leaves of a matrix exponential or logarithm."""
 
 
 def checked_numbers(name: str, numbers: Any) -> Array:
@@ -120,8 +122,9 @@ def _are_poses(T: Array) -> bool:
         determinant += R[2, 0] * (R[0, 1] * R[1, 2] - R[0, 2] * R[1, 1])
         if not determinant > 0:
             return False
-        if not (R[3, 0] == 0 and R[3, 1] == 0 and R[3, 2] == 0 and R[3, 3] == 1):
-            return False
+        for j in range(4):
+            if not abs(R[3, j] - (1.0 if j == 3 else 0.0)) < _ROUNDING:
+                return False
     return True
 
 

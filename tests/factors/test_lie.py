@@ -118,3 +118,16 @@ def test_bad_twists_are_named(bad: Array) -> None:
 def test_unsigned_twists_are_as_good(jacobian: Any) -> None:
     xi = np.array([1, 0, 0, 2, 0, 0])
     np.testing.assert_array_equal(jacobian(xi.astype(np.uint8)), jacobian(xi))
+
+
+def test_poses_of_a_matrix_exponential_are_poses_though_rounding_left_their_last_row() -> None:
+    twist = np.array([0.9, -0.5, 1.1, 0.3, 2.0, -1.0])
+    wedge = np.zeros((4, 4))
+    wedge[:3, :3] = skew(twist[:3])
+    wedge[:3, 3] = twist[3:]
+    T = expm(wedge)
+    T[3] += [3e-16, -2e-16, 1e-16, 2e-16]
+    np.testing.assert_allclose(se3_log(T), twist, atol=1e-14)
+    T[3, 0] = 1e-6
+    with pytest.raises(ValueError, match="T must be poses"):
+        se3_log(T)
