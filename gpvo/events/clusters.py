@@ -117,7 +117,7 @@ class StereoCluster:
 
     @property
     def is_silent(self) -> bool:
-        """Whether no event came, not even noise that was left out: data is missing."""
+        """Whether no event came, not even noise that was left out."""
         return not any(side.event_count + sum(side.left_out) for side in (self.left, self.right))
 
     @property

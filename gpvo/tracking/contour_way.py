@@ -2,8 +2,7 @@
 
 Contours have about as many events for each pixel of their way. Where a motion turns, or the image
 of a moving camera stands still, they have hardly any for a while: they are still near where they
-were, to within that way. Without any event, of contours or noise, data is missing, and the way is
-unknown.
+were, to within that way. Where data is missing, the way is unknown.
 """
 
 from __future__ import annotations

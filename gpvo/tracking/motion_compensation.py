@@ -25,6 +25,7 @@ from gpvo.tracking.contour_way import USUAL, ContourWay
 from gpvo.tracking.event_sums import Flow
 from gpvo.tracking.feature_flow import flow_between, median_length
 from gpvo.tracking.observations import Observations
+from gpvo.tracking.silence import Silence
 
 Array = NDArray[np.float64]
 
@@ -59,8 +60,8 @@ class MotionCompensation:
     Where (almost) no event came but the noise of both cameras, nothing moved: such a cluster has
     the pictures before it, at its own time, so that features are seen at rest, or blank ones if
     nothing moved before. Without noise the cameras may as well have failed. Where few events of
-    contours tell that these moved by less than a little, the pictures go on showing those before;
-    without any event they do not, as data is missing.
+    contours tell that these moved by less than a little, the pictures go on showing those before,
+    but not where data is missing.
 
     `frames` is the number of latest clusters to which observations may belong. Pixels of the
     pictures are `side` pixels of the events wide; all positions are pixels of the pictures.
@@ -84,7 +85,7 @@ class MotionCompensation:
         self._lag = StereoLag(config.lag_share, side)
         self._cluster: StereoCluster | None = None
         self._full_count, self._way = deque[float](maxlen=USUAL), ContourWay(config.little_motion)
-        self._noise, self._still = NoiseLevel(), False
+        self._noise, self._silence, self._still = NoiseLevel(), Silence(), False
 
     @property
     def thinned(self) -> int:
@@ -164,7 +165,7 @@ class MotionCompensation:
         """Return whether the contours of both cameras moved by less than a little, at `middle`."""
         if not self._images:
             return False
-        if cluster.is_silent:
+        if self._silence.is_missing_data(cluster):
             self._way.lose()
             return False
         dt = middle - self._images[-1][0].reference

@@ -20,6 +20,7 @@ from gpvo.tracking import Observations
 from gpvo.tracking.contour_way import COMMON, FEW, ContourWay
 from gpvo.tracking.event_sums import brightness
 from gpvo.tracking.motion_compensation import MotionCompensation
+from gpvo.tracking.silence import Silence
 
 PERIOD, LITTLE = 0.05, 1.5
 SHAPE = (60, 80)
@@ -127,6 +128,23 @@ def test_pictures_of_more_events_show_these_alone() -> None:
     assert not run([2000, 2000, 2000, 100, 1000, 1000])[0].turns
 
 
+def test_pictures_of_missing_data_show_nothing() -> None:
+    """A cluster with few events before the gap hardly moved; in the gap the motion is unknown."""
+    compensation, _ = run([2000, 2000, 2000, 500, 0, 500])
+    before, gap, after = list(compensation._images)[-3:]
+    assert before[0].count.sum() > 1900 and gap[0].count.sum() == 0
+    assert after[0].count.sum() == pytest.approx(500, rel=1e-3)  # the way into the gap is unknown
+    assert not compensation.hardly_moved
+
+
+def test_pictures_of_a_camera_that_came_to_rest_go_on_showing_those_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Silence, "is_missing_data", lambda silence, cluster: False)
+    compensation, _ = run([2000, 2000, 2000, 100, 0, 0])
+    assert compensation.hardly_moved and compensation._images[-1][0].count.sum() > 1900
+
+
 def test_without_little_motion_all_pictures_are_of_new_events() -> None:
     compensation, _ = run([2000, 2000, 2000, 100], little=0.0)
     assert not compensation.hardly_moved
@@ -167,19 +185,3 @@ def test_landmarks_are_followed_where_the_motion_turns(little: float, follows: b
     odometry.run(back_and_forth())
     inliers = [one.inliers for one in odometry.reports if one.start > 0.2]
     assert (min(inliers) > 40) == follows
-
-
-def test_pictures_without_any_event_show_nothing_as_data_is_missing() -> None:
-    """A cluster with few events before the gap hardly moved; in the gap the motion is unknown."""
-    compensation, _ = run([2000, 2000, 2000, 100, 0, 100])
-    before, gap, after = list(compensation._images)[-3:]
-    assert before[0].count.sum() > 1900 and gap[0].count.sum() == 0
-    assert after[0].count.sum() == pytest.approx(100, rel=1e-3)  # the way into the gap is unknown
-    assert not compensation.hardly_moved
-
-
-@pytest.mark.parametrize("left_out", [(3, 0), (0, 3)])
-def test_events_that_the_noise_filter_left_out_are_no_silence(left_out: tuple[int, int]) -> None:
-    nothing = ClusterEvents((), np.zeros((1, 1, 2), np.float32), SHAPE[::-1])
-    assert StereoCluster(0.0, 0.1, nothing, nothing).is_silent
-    assert not StereoCluster(0.0, 0.1, nothing, replace(nothing, left_out=left_out)).is_silent
