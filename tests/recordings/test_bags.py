@@ -81,6 +81,22 @@ def test_rosbag2_in_two_files(tmp_path: Path, calibration: Path) -> None:
     assert_recording_holds(open_recording(folder, calibration), LEFT, RIGHT)
 
 
+def test_bags_beside_each_other_are_not_one(tmp_path: Path, calibration: Path) -> None:
+    """Files that are no numbered parts are only read as one if each has other cameras."""
+    folder, both = tmp_path / "bags", arrays(False)
+    folder.mkdir()
+    sides = [[one for one in both if one[0] == topic] for topic in TOPICS]
+    for name, messages in (("LEFT.MCAP", sides[0]), ("RIGHT.MCAP", sides[1])):
+        written = write_rosbag2(tmp_path / name[0], messages, StoragePlugin.MCAP)
+        next(written.glob("*.mcap")).rename(folder / name)
+    assert_recording_holds(open_recording(folder, calibration), LEFT, RIGHT)
+    written = write_rosbag2(tmp_path / "copy", both, StoragePlugin.SQLITE3)
+    copy = next(written.glob("*.db3")).rename(folder / "copy_0.db3")
+    with pytest.raises(InputError, match=r"several recordings; name one: .*copy_0"):
+        open_recording(folder, calibration)
+    assert_recording_holds(open_recording(copy, calibration), LEFT, RIGHT)
+
+
 @pytest.mark.parametrize("compression", list(CompressionType))
 @pytest.mark.parametrize("chunked", [True, False])
 def test_mcap_of_its_own_library(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,11 +16,15 @@ import zstandard
 from gpvo.errors import InputError
 from gpvo.recordings.bags.mcap import McapFile
 from gpvo.recordings.bags.message_log import MessageLog, Topic
+from gpvo.recordings.bags.topics import event_topics
 from gpvo.recordings.compression import LARGEST_CHUNK
 from gpvo.recordings.streams import DAMAGED, Faults
 
 MAGIC = b"SQLite format 3\0"
 ZSTD = b"\x28\xb5\x2f\xfd"
+KINDS = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+NUMBER = re.compile(r"_\d+(?=\.(?:db3|mcap)(?:\.zstd)?$)", re.IGNORECASE)
+"""Number of a file, of several that the recorder made of one bag."""
 
 
 def is_rosbag2(path: Path) -> bool:
@@ -35,19 +41,30 @@ def open_rosbag2(path: Path) -> MessageLog:
     metadata.yaml is not needed, as it is missing if the recorder was killed.
     """
     files = _storage_files(path) if path.is_dir() else [path]
-    packed = [file for file in files if file.name.endswith(".zstd")]
+    packed = [file for file in files if file.suffix.lower() == ".zstd"]
     if packed:
         raise InputError(f"{packed[0]}: is compressed as a whole; unpack it with zstd -d first")
     logs: list[MessageLog] = [
         McapFile(file) if McapFile.recognise(file) else SqliteBag(file) for file in files
     ]
-    return logs[0] if len(logs) == 1 else SplitBag(path, logs)
+    if len(logs) == 1:
+        return logs[0]
+    _check_one_bag(path, logs)
+    return SplitBag(path, logs)
 
 
 def _storage_files(folder: Path) -> list[Path]:
-    kinds = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
-    files = [file for file in folder.iterdir() if file.name.endswith(kinds)]
+    files = [file for file in folder.iterdir() if file.name.lower().endswith(KINDS)]
     return sorted(files, key=lambda file: (len(file.name), file.name))
+
+
+def _check_one_bag(folder: Path, logs: Sequence[MessageLog]) -> None:
+    """Raise InputError unless the files are numbered parts, or have topics of their own."""
+    if len({NUMBER.sub("", log.path.name) for log in logs}) == 1:
+        return
+    if max(Counter(name for log in logs for name in event_topics(log)).values(), default=0) > 1:
+        names = " ".join(str(log.path) for log in logs)
+        raise InputError(f"{folder}: holds several recordings; name one: {names}")
 
 
 @dataclass
