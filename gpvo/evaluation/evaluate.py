@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gpvo.errors import InputError, require_choice
 from gpvo.evaluation.metrics.alignment import AlignmentMethod, first_pose_alignment
-from gpvo.evaluation.metrics.association import common_interval, common_part
+from gpvo.evaluation.metrics.association import common_interval, common_part, known_ns
 from gpvo.evaluation.metrics.ate_rpe import (
     TrajectoryError,
     absolute_trajectory_error,
@@ -56,7 +56,7 @@ class Evaluation:
     segments
         Drift by segment length.
     coverage
-        Fraction of the ground truth's time that the estimate covers, 0 to 1.
+        Fraction of the ground truth's time that the estimate covers, 0 to 1, both without gaps.
     """
 
     name: str
@@ -147,7 +147,7 @@ def evaluate(
         Name of the estimate in tables.
     stamps_ns
         Stamps at which to compare, for instance a competitor's states; those outside the common
-        time are left out. By default every `step` seconds of the common time.
+        time, or in gaps of either, are left out. By default every `step` seconds of it.
     aligned_at
         Frame transform of the relative error, see `relative_error`.
     pair
@@ -182,7 +182,7 @@ def evaluate(
             "1 m": relative_pose_error(*pair, 1.0, "metres"),
         },
         segments=segment_errors(*pair),
-        coverage=float((stamps[-1] - stamps[0]) * 1e-9 / ground_truth.seconds[-1]),
+        coverage=known_ns(stamps) / known_ns(ground_truth.stamps_ns),
     )
 
 

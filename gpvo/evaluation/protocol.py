@@ -95,6 +95,10 @@ class Protocol:
             text += f"ATE, RPE, drift: poses within {tolerance:.2g} s"
         else:
             text += "ATE, RPE, drift: interpolated at the sparser trajectory's stamps"
+        truth_gaps = contenders[0].ground_truth.gaps_ns
+        if len(truth_gaps):
+            seconds = np.diff(truth_gaps).sum() * 1e-9
+            text += f"; nothing within {len(truth_gaps)} gaps of the ground truth, {seconds:.3g} s"
         if self.align_body != "none":
             text += f"; constant body offset removed ({self.align_body})"
         return text + ("; constant clock offset removed." if self.align_time else ".")

@@ -13,6 +13,9 @@ from gpvo.errors import InputError, about
 ROTATION_TOLERANCE = 1e-3
 """Largest allowed entry of RᵀR - 1; files with four decimals pass. So for the last row."""
 
+GAP_NS, GAP_INTERVALS = 500_000_000, 10
+"""Nanoseconds, and usual intervals: between poses farther apart than both, none is known."""
+
 
 @dataclass(frozen=True, eq=False)
 class StampedPoses:
@@ -90,6 +93,11 @@ class StampedPoses:
         last = np.searchsorted(self.stamps_ns, stop_ns, side="right")
         return self[first:last]
 
+    @property
+    def gaps_ns(self) -> NDArray[np.int64]:
+        """(G, 2) stamps before and after each gap, in which the poses are unknown."""
+        return gaps_of(self.stamps_ns)
+
     def interpolate(self, stamps_ns: ArrayLike) -> StampedPoses:
         """Interpolate at increasing stamps, linearly in position and in rotation (slerp).
 
@@ -133,6 +141,14 @@ class StampedPoses:
     def in_world(self, T_new_world: NDArray[np.float64]) -> StampedPoses:
         """Express the poses in another world frame, given T_new_world (4, 4)."""
         return StampedPoses(self.stamps_ns, T_new_world @ self.T_world_cam)
+
+
+def gaps_of(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the stamps (G, 2) before and after each gap of increasing stamps (N,)."""
+    intervals = np.diff(stamps_ns)
+    usual = np.median(intervals) if len(intervals) else 0.0
+    before = np.flatnonzero(intervals > max(GAP_NS, GAP_INTERVALS * usual))
+    return np.stack([stamps_ns[before], stamps_ns[before + 1]], axis=1)
 
 
 def is_rigid(transforms: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -21,6 +21,7 @@ from gpvo.evaluation import (
 from gpvo.evaluation.metrics.association import associate
 from gpvo.evaluation.metrics.frame_and_clock_offsets import find_body_offset, find_time_offset
 from gpvo.evaluation.metrics.paper_errors import COMPONENTS, PaperStatistics
+from gpvo.evaluation.protocol import Contender, Protocol
 from gpvo.evaluation.report.paper_tables import ErrorRow, evaluation_tables, global_error_table
 from gpvo.evaluation.report.table import Cell, ResultTable, to_html, to_latex, to_markdown, to_rich
 from gpvo.trajectory import StampedPoses, read_tum
@@ -110,6 +111,28 @@ def test_given_stamps_outside_the_common_time_are_left_out(random_walk):
     np.testing.assert_array_equal(evaluation.estimate.stamps_ns, estimate.stamps_ns)
     assert len(evaluation.relative_error.twists) == len(estimate) - 1
     assert evaluation.coverage == pytest.approx(1.99 / 2.99)
+
+
+def circle(t: np.ndarray) -> StampedPoses:
+    """Return poses on a circle of 1 m, once around in 6.3 s."""
+    T = np.tile(np.eye(4), (len(t), 1, 1))
+    T[:, 0, 3], T[:, 1, 3] = np.cos(t), np.sin(t)
+    return StampedPoses(np.rint(t * 1e9).astype(np.int64), T)
+
+
+def test_nothing_is_compared_where_poses_are_unknown():
+    """A motion capture that loses the body for 3 s, and an odometry that begins anew."""
+    t = np.arange(0.0, 10.0, 0.01)
+    whole, broken = circle(t), circle(t[(t < 4.0) | (t > 7.0)])
+    assert evaluate(whole, broken, stamps_ns=whole.stamps_ns).global_error.norms[
+        "translation"
+    ].max() == pytest.approx(0.0, abs=1e-3)
+    lost = evaluate(broken, whole, step=0.05)
+    assert lost.global_error.norms["translation"].max() == pytest.approx(0.0, abs=1e-3)
+    assert lost.coverage == pytest.approx(0.7, abs=0.02)
+    assert evaluate(whole, broken).coverage == pytest.approx(1.0, abs=0.02)
+    text = Protocol().describe([Contender("whole", whole, broken)])
+    assert "nothing within 1 gaps of the ground truth, 3.02 s" in text
 
 
 def test_the_first_poses_are_aligned(random_walk):

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gpvo.errors import InputError
 from gpvo.trajectory import StampedPoses
-from gpvo.trajectory.stamped_poses import seconds_text
+from gpvo.trajectory.stamped_poses import gaps_of, seconds_text
 
 
 def associate(
@@ -82,10 +82,15 @@ def tolerance_for(ground_truth: StampedPoses) -> float:
 def common_part(
     stamps_ns: ArrayLike, estimate: StampedPoses, ground_truth: StampedPoses
 ) -> NDArray[np.int64]:
-    """Return the stamps within the common time; InputError if there are fewer than two."""
+    """Return the stamps within the common time; InputError if there are fewer than two.
+
+    Those in gaps of either trajectory are left out, as its poses are unknown there.
+    """
     stamps = np.asarray(stamps_ns, np.int64)
     start, stop = common_interval(estimate, ground_truth)
     inside = stamps[(stamps >= start) & (stamps <= stop)]
+    for poses in (estimate, ground_truth):
+        inside = inside[~_within(inside, poses.gaps_ns)]
     if len(inside) < 2:
         raise InputError(
             f"nothing to compare: the estimate covers {interval_text(estimate)} and the ground"
@@ -93,6 +98,19 @@ def common_part(
             " common; check that both use the same clock, or take a shorter step"
         )
     return inside
+
+
+def _within(stamps: NDArray[np.int64], gaps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which stamps (N,) are within gaps (G, 2), without their ends."""
+    if len(gaps_ns) == 0:
+        return np.zeros(len(stamps), bool)
+    gap = np.searchsorted(gaps_ns[:, 0], stamps) - 1
+    return np.asarray((gap >= 0) & (stamps < gaps_ns[gap, 1]))
+
+
+def known_ns(stamps_ns: NDArray[np.int64]) -> int:
+    """Return the time from the first stamp to the last one without gaps, nanoseconds."""
+    return int(stamps_ns[-1] - stamps_ns[0] - np.diff(gaps_of(stamps_ns)).sum())
 
 
 def common_interval(estimate: StampedPoses, ground_truth: StampedPoses) -> tuple[int, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gpvo.trajectory import StampedPoses, Trajectory
 
@@ -21,6 +21,11 @@ class ContinuousPoses(StampedPoses):
         """Return the poses at a trajectory's states."""
         poses = trajectory.stamped_poses()
         return ContinuousPoses(poses.stamps_ns, poses.T_world_cam, trajectory)
+
+    @property
+    def gaps_ns(self) -> NDArray[np.int64]:
+        """(0, 2): the Gaussian process is known between all states."""
+        return np.empty((0, 2), np.int64)
 
     def later(self, offset_ns: int) -> ContinuousPoses:
         """Return the same trajectory on a clock that is ahead by an offset, nanoseconds."""
