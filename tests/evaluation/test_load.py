@@ -1,5 +1,6 @@
 """Poses of every format that users have, good and bad."""
 
+from decimal import Decimal
 from types import SimpleNamespace
 
 import h5py
@@ -89,6 +90,37 @@ def test_stamps_as_numpy_writes_them(tmp_path, stamps, between):
     found = load_poses(tmp_path / "poses.txt")
     assert found.stamps_ns[0] == 1_600_000_000_000_000_000
     assert np.diff(found.stamps_ns)[0] == pytest.approx(200_000_000, abs=100)
+
+
+EPOCH_NS = 1_504_645_177_422_123_000
+
+
+@pytest.mark.parametrize(
+    ("unit_ns", "start"),
+    [(1, 0), (1000, 0), (10**9, 0), *((10**k, EPOCH_NS) for k in (0, 3, 6, 9))],
+)
+def test_stamps_of_any_unit(tmp_path, unit_ns, start):
+    """Since 1970 or the start, in seconds, milliseconds, microseconds or nanoseconds."""
+    stamps_ns = start + np.arange(20) * 10_000_000
+    path = tmp_path / "poses.txt"
+    path.write_text("".join(f"{Decimal(int(t)) / unit_ns:f} 0 0 0 0 0 0 1\n" for t in stamps_ns))
+    np.testing.assert_array_equal(load_poses(path).stamps_ns, stamps_ns)
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "#timestamp [ns],p_R_x,p_R_y,p_R_z,q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []",
+        "timestamp tx ty tz qw qx qy qz",
+    ],
+)
+def test_a_heading_with_qw_first(tmp_path, heading):
+    path = tmp_path / "poses.csv"
+    path.write_text(f"{heading}\n1.5,1,2,3,0.8,0.6,0,0\n1.6,1,2,3,0.8,0.6,0,0\n")
+    turned = Rotation.from_quat([0.6, 0.0, 0.0, 0.8]).as_matrix()
+    np.testing.assert_allclose(load_poses(path).rotations[1], turned, atol=1e-12)
+    path.write_text("# t tx ty tz qx qy qz qw\n1.5,1,2,3,0.6,0,0,0.8\n1.6,1,2,3,0.6,0,0,0.8\n")
+    np.testing.assert_allclose(load_poses(path).rotations[1], turned, atol=1e-12)
 
 
 def test_mvsec_ground_truth_is_turned_into_the_rectified_camera(poses, tmp_path):

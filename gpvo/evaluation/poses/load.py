@@ -16,6 +16,7 @@ from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.poses.rosbag import read_pose_bag
 from gpvo.recordings import StereoRig
 from gpvo.recordings.bags.rosbag1 import RosBag1
+from gpvo.recordings.checks.time_unit import unit_since_1970
 from gpvo.trajectory import StampedPoses, Trajectory
 from gpvo.trajectory.tum import nanoseconds, parse_tum, text_fields
 
@@ -27,6 +28,15 @@ MVSEC_TOPIC = "/davis/left/pose"
 
 LARGEST_STEP = 100.0
 """Largest plausible step between poses, seconds; larger steps are microseconds."""
+
+LARGEST_MICROSECONDS = 3_000_000
+"""Largest plausible step in microseconds; larger steps are nanoseconds."""
+
+FINER_NS = {"milliseconds": 10**6, "nanoseconds": 1}
+"""Units that stamps since 1970 tell, and steps alone do not."""
+
+SCALAR_FIRST = re.compile(r"\bq\w*w\b.*\bq\w*x\b")
+"""Heading of EuRoC and others, with qw before qx."""
 
 LONGEST_HEADING = 2
 """Largest number of heading lines."""
@@ -123,17 +133,26 @@ def find_trajectory(folder: Path) -> Path:
 def read_text_poses(path: Path) -> StampedPoses:
     """Read a TUM (8 numbers a line) or KITTI (12 numbers a line) file.
 
-    Lines that name the columns are skipped. Stamps may be microseconds, as TUM-VIE's are.
+    Lines that name the columns are skipped, but if they name qw before qx, it comes first. Stamps
+    may be microseconds, as TUM-VIE's are, or nanoseconds.
     """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: is not a text file of poses") from error
+    if any(SCALAR_FIRST.search(line) for line in lines[:LONGEST_HEADING]):
+        lines = [_scalar_last(line) for line in lines]
     lines = _without_heading(lines)
     rows = [fields for line in lines if (fields := text_fields(line))]
     if rows and len(rows[0]) == 12:
         return _read_kitti(path, rows)
-    return parse_tum(lines, str(path), 1000 if _in_microseconds(rows) else 10**9)
+    return parse_tum(lines, str(path), _unit_ns(rows))
+
+
+def _scalar_last(line: str) -> str:
+    """Return a line of t tx ty tz qw qx qy qz in the order of TUM."""
+    fields = text_fields(line)
+    return " ".join([*fields[:4], *fields[5:], fields[4]]) if len(fields) == 8 else line
 
 
 def _without_heading(lines: list[str]) -> list[str]:
@@ -145,13 +164,21 @@ def _without_heading(lines: list[str]) -> list[str]:
     return lines
 
 
-def _in_microseconds(rows: list[list[str]]) -> bool:
-    """Return whether the steps between stamps are too large to be seconds."""
+def _unit_ns(rows: list[list[str]]) -> int:
+    """Return the nanoseconds in the unit of stamps, by their size or the steps between them."""
     try:
         stamps = [float(row[0]) for row in rows[:100]]
     except ValueError:
-        return False
-    return len(stamps) > 1 and float(np.median(np.diff(stamps))) > LARGEST_STEP
+        return 10**9
+    if len(stamps) < 2:
+        return 10**9
+    step = float(np.median(np.diff(stamps)))
+    finer = FINER_NS.get(unit_since_1970(float(np.median(stamps))) or "")
+    if finer is not None and step * finer < LARGEST_STEP * 1e9:
+        return finer
+    if step > LARGEST_MICROSECONDS:
+        return 1
+    return 1000 if step > LARGEST_STEP else 10**9
 
 
 def _read_kitti(path: Path, rows: list[list[str]]) -> StampedPoses:
