@@ -129,6 +129,8 @@ def open_cameras(
                 f"{path}: holds several recordings; name one: {' '.join(map(str, inside))}"
             )
         return open_cameras(inside[0], calibration, left_topic, right_topic)
+    if path.is_dir():
+        two_files.tell_unreadable(path)
     raise InputError(_unknown(path, FORMATS))
 
 
@@ -137,14 +139,14 @@ def _recordings_in(folder: Path) -> list[Path]:
     files = [
         file
         for file in sorted(folder.iterdir())
-        if file.suffix in SUFFIXES and file.is_file() and not file.stem.endswith("_gt")
+        if file.suffix.lower() in SUFFIXES and file.is_file() and not file.stem.endswith("_gt")
     ]
     return [file for file in files if any(one.recognise(file) for one in FORMATS)]
 
 
 def _unknown(path: Path, formats: Sequence[Format]) -> str:
     known = "; ".join(candidate.name for candidate in formats)
-    if path.is_file() and path.suffix in two_files.TEXT.suffixes:
+    if path.is_file() and path.suffix.lower() in two_files.TEXT.suffixes:
         return f"{path}: its columns are not t, x, y and polarity; if they are, {REMEDY}"
     kind = "file" if path.is_file() else "folder: it is not a file, and none in it"
     return f"{path}: is not a recording that gpvo reads ({kind}); it reads {known}"

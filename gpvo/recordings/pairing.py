@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gpvo.errors import InputError
@@ -134,18 +134,21 @@ def paired_files(path: Path) -> tuple[Path, Path] | None:
 
 
 def files_of(folder: Path, suffixes: Sequence[str]) -> list[Path]:
-    """Return the files with one of the suffixes in a folder and up to three levels below it."""
+    """Return the files with one of the suffixes in a folder and up to three levels below it.
+
+    Suffixes are lower-case; those of files may be upper-case.
+    """
     found = [
         file
         for pattern in ("*", "*/*", "*/*/*", "*/*/*/*")
         for file in folder.glob(pattern)
-        if file.suffix in suffixes and file.is_file()
+        if file.suffix.lower() in suffixes and file.is_file()
     ]
     return sorted(found)
 
 
 def camera_files(
-    path: Path, candidates: Sequence[Path], left: str | None, right: str | None
+    path: Path, candidates: Callable[[], Sequence[Path]], left: str | None, right: str | None
 ) -> tuple[Path, Path | None]:
     """Return the files of the left and the right camera; see `choose_pair`.
 
@@ -154,7 +157,7 @@ def camera_files(
     path
         One of the two files, or a folder.
     candidates
-        Files of the right kind in the folder.
+        Finds the files of the right kind in the folder; not called where the names suffice.
     left, right
         Names that the user gave, relative to the folder.
     """
@@ -167,6 +170,6 @@ def camera_files(
                 " the folder of both with --left-topic FILE --right-topic FILE"
             )
         return (both[1], both[0]) if left and both[1] == path.absolute() else both
-    names = [file.relative_to(folder).as_posix() for file in candidates]
+    names = [file.relative_to(folder).as_posix() for file in candidates()]
     first, second = choose_pair(folder, names, left, right, "file")
     return folder / first, None if second is None else folder / second

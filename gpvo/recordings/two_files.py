@@ -5,10 +5,12 @@ A text file may hold both cameras.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from gpvo.errors import InputError
 from gpvo.recordings.base import Recording
 from gpvo.recordings.calibration.dsec_rectify_map import check_rectify_map
 from gpvo.recordings.calibration.find import Calibration, rig_for
@@ -20,6 +22,8 @@ from gpvo.recordings.hdf5 import has_dataset
 from gpvo.recordings.pairing import camera_files, choose_pair, files_of
 from gpvo.recordings.stereo import StreamRecording
 from gpvo.recordings.streams import EventStream
+
+log = logging.getLogger("gpvo.recordings")
 
 
 @dataclass(frozen=True)
@@ -36,14 +40,13 @@ class TwoFiles:
 
     def recognise(self, path: Path) -> bool:
         """Return whether a file is of this kind, or a folder contains such files."""
-        return self.is_kind(path) if path.is_file() else bool(self._files(path))
+        return self.is_kind(path) if path.is_file() else bool(self.files(path, []))
 
     def open(
         self, path: Path, calibration: Calibration, left: str | None, right: str | None
     ) -> Recording:
         """Open the files of both cameras."""
-        folder = path if path.is_dir() else path.parent
-        both = camera_files(path, self._files(folder), left, right)
+        both = self._both(path, left, right)
         rig = rig_for(path, calibration, self.name)
         streams = []
         for file, camera in zip(both, (rig.left, rig.right), strict=True):
@@ -53,8 +56,29 @@ class TwoFiles:
                     check_rectify_map(file.with_name("rectify_map.h5"), camera, rig.K_rect)
         return StreamRecording(path, self.name, rig, *streams)
 
-    def _files(self, folder: Path) -> list[Path]:
-        return [file for file in files_of(folder, self.suffixes) if self.is_kind(file)]
+    def _both(self, path: Path, left: str | None, right: str | None) -> tuple[Path, Path | None]:
+        """Return the cameras' files; what else cannot be read is told only if it may be one."""
+        folder = path if path.is_dir() else path.parent
+        problems: list[InputError] = []
+        try:
+            both = camera_files(path, lambda: self.files(folder, problems), left, right)
+        except InputError:
+            tell(problems)
+            raise
+        for problem in problems:
+            log.warning("left out: %s", problem)
+        return both
+
+    def files(self, folder: Path, problems: list[InputError]) -> list[Path]:
+        """Return the files of this kind in a folder, and add why others cannot be read."""
+        found = []
+        for file in files_of(folder, self.suffixes):
+            try:
+                if self.is_kind(file):
+                    found.append(file)
+            except InputError as problem:
+                problems.append(problem)
+        return found
 
 
 HDF5 = (".h5", ".hdf5")
@@ -100,3 +124,17 @@ class TextFiles(TwoFiles):
 TEXT = TextFiles("text (t, x, y, polarity)", (".txt", ".csv"), is_text, TextStream)
 
 KINDS = (COLUMNS, EVENT_UTILS, PROPHESEE_HDF5, RAW, TEXT)
+
+
+def tell_unreadable(folder: Path) -> None:
+    """Raise InputError if a file in a folder of no recordings may be one, but cannot be read."""
+    problems: list[InputError] = []
+    for kind in KINDS:
+        kind.files(folder, problems)
+    tell(problems)
+
+
+def tell(problems: Sequence[InputError]) -> None:
+    """Raise the first error, if there is one."""
+    for problem in problems:
+        raise problem

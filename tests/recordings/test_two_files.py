@@ -222,6 +222,24 @@ def test_the_other_file_is_missing(tmp_path: Path, calibration: Path) -> None:
     assert_recording_holds(open_recording(tmp_path, calibration, "left.h5", "b.h5"), LEFT, RIGHT)
 
 
+def test_other_files_in_the_folder(tmp_path: Path, calibration: Path) -> None:
+    """A broken file or other tables beside a recording do not keep it from being read."""
+    column_file(tmp_path / "LEFT.H5", LEFT)
+    column_file(tmp_path / "RIGHT.H5", RIGHT)
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes((tmp_path / "LEFT.H5").read_bytes()[:1000])
+    (tmp_path / "truth.txt").write_text("timestamp x y z qx qy qz qw\n1.5 1 2 3 0 0 0 1\n")
+    for place in (tmp_path, tmp_path / "LEFT.H5"):
+        assert_recording_holds(open_recording(place, calibration), LEFT, RIGHT)
+    (tmp_path / "LEFT.H5").rename(tmp_path / "other.dat")
+    with pytest.raises(InputError, match=r"broken\.h5: this HDF5 file is cut short"):
+        open_recording(tmp_path, calibration)
+    (tmp_path / "RIGHT.H5").unlink()
+    broken.unlink()
+    with pytest.raises(InputError, match=r"truth\.txt: no column is polarity"):
+        open_recording(tmp_path, calibration)
+
+
 def test_rectify_map_of_another_camera(tmp_path: Path, calibration: Path) -> None:
     files = pair_of_files(tmp_path, NAMES["DSEC"])
     rig = read_calibration(calibration)

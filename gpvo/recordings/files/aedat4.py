@@ -42,9 +42,13 @@ EVENT = np.dtype(
 def is_aedat4(path: Path) -> bool:
     """Return whether a file begins like AEDAT4, or a folder contains such files."""
     if path.is_dir():
-        return any(is_aedat4(file) for file in files_of(path, (".aedat4",)))
+        return bool(_files(path))
     with path.open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
+
+
+def _files(folder: Path) -> list[Path]:
+    return [file for file in files_of(folder, (".aedat4",)) if is_aedat4(file)]
 
 
 def open_aedat4(
@@ -57,9 +61,8 @@ def open_aedat4(
         streams = [Aedat4Stream(file, name) for name in names if name]
     else:
         folder = path if path.is_dir() else path.parent
-        candidates = [one for one in files_of(folder, (".aedat4",)) if is_aedat4(one)]
         left = path.name if file is not None and left in file.sensors else left
-        both = camera_files(path, candidates, left, right)
+        both = camera_files(path, lambda: _files(folder), left, right)
         streams = [_only_stream(one) for one in both if one]
     return StreamRecording(path, "AEDAT4", rig_for(path, calibration, "AEDAT4"), *streams)
 
