@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from reading import assert_recording_holds, assert_same_events, read_stream
 from gpvo.errors import InputError
 from gpvo.recordings import open_recording
 from gpvo.recordings.decoders import evt2, evt3
+from gpvo.recordings.files import prophesee_raw
 from gpvo.recordings.files.prophesee_raw import RawStream
 from gpvo.recordings.streams import EventBlock
 
@@ -128,6 +130,13 @@ def test_skipping_finds_the_last_time(cut: int) -> None:
     assert decoder.last_event().t_ns.tolist() == [block.t_ns[-1]]
 
 
+def continued(counter: int, previous: int | None) -> int:
+    """Return a counter of 28 bits that counts on from the previous one, forwards or back."""
+    if previous is None:
+        return counter
+    return min((counter + (k << 28) for k in range(-70, 70)), key=lambda one: abs(one - previous))
+
+
 @settings(deadline=None, max_examples=30)
 @given(words=arrays("<u4", st.integers(0, 60)), cut=st.integers(0, 60))
 def test_evt2_is_the_plain_decoder(words: np.ndarray, cut: int) -> None:
@@ -135,7 +144,7 @@ def test_evt2_is_the_plain_decoder(words: np.ndarray, cut: int) -> None:
     high, events = None, []
     for word in words.tolist():
         if word >> 28 == 8:
-            high = word & 0xFFFFFFF
+            high = continued(word & 0xFFFFFFF, high)
         elif word >> 28 <= 1 and high is not None:
             events.append(
                 (word >> 11 & 0x7FF, word & 0x7FF, high << 6 | word >> 22 & 63, word >> 28)
@@ -152,7 +161,7 @@ def test_evt21_is_the_plain_decoder(words: np.ndarray, cut: int, legacy: bool) -
         halves = word >> 32, word & 0xFFFFFFFF
         head, valid = reversed(halves) if legacy else halves
         if head >> 28 == 8:
-            high = head & 0xFFFFFFF
+            high = continued(head & 0xFFFFFFF, high)
         elif head >> 28 <= 1 and high is not None:
             x, y, t_us = head >> 11 & 0x7FF, head & 0x7FF, high << 6 | head >> 22 & 63
             events += [(x + i, y, t_us, head >> 28) for i in range(32) if valid >> i & 1]
@@ -208,6 +217,32 @@ def test_raw_files_on_both_sides_of_a_wrap(tmp_path: Path, calibration: Path) ->
     recording = open_recording(tmp_path, calibration)
     assert_recording_holds(recording, left, shifted(right, WRAP_NS))
     assert any("16.777216 s" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize("encode", [evt2_words, evt21_words])
+def test_a_camera_that_runs_for_hours(
+    tmp_path: Path, calibration: Path, encode: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The clock of EVT2 wraps after 4.8 hours; the end is read from the last bytes alone."""
+    monkeypatch.setattr(prophesee_raw, "BLOCK_BYTES", 800)
+    start_ns = 1000 * evt2.WRAP_US - 300_000_000
+    left = event_block(800, 6, start_ns)
+    right = event_block(300, 7, start_ns + 310_000_000, seconds=0.15)
+    raw_file(tmp_path / "left.raw", encode(left))
+    raw_file(tmp_path / "right.raw", encode(right))
+    recording = open_recording(tmp_path, calibration)
+    assert_recording_holds(recording, left, right)
+    assert recording.duration == pytest.approx((left.t_ns[-1] - left.t_ns[0]) / 1e9)
+
+
+def test_a_damaged_time_of_evt2_does_not_shift_all_that_follow() -> None:
+    block = event_block(300, 2, start_ns=0)
+    words = evt2_words(block)
+    highs = np.flatnonzero(words >> 28 == 8)
+    words[highs[50]] ^= np.uint32(3 << 26)
+    words[highs[90]] ^= np.uint32(5 << 20)
+    ours = EventBlock.concatenate(list(evt2.Evt2().decode(words)))
+    assert 2 <= (ours.t_ns != block.t_ns).sum() <= 4
 
 
 def test_real_stereo_evt3(shared: Path) -> None:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.errors import InputError
+from gpvo.recordings.decoders import evt2, evt3
 from gpvo.recordings.decoders.evt2 import Evt2, Evt21, looks_legacy
-from gpvo.recordings.decoders.evt3 import WRAP_US, Evt3
+from gpvo.recordings.decoders.evt3 import Evt3
 from gpvo.recordings.streams import EventBlock, EventStream, Faults
 
 VERSIONS = {"2": "2.0", "2.0": "2.0", "2.1": "2.1", "21": "2.1", "3": "3.0", "3.0": "3.0"}
@@ -21,6 +22,8 @@ VERSIONS = {"2": "2.0", "2.0": "2.0", "2.1": "2.1", "21": "2.1", "3": "3.0", "3.
 Decoder = Evt2 | Evt21 | Evt3
 BLOCK_BYTES = 1 << 20
 LONGEST_HEADER = 1 << 16
+LONGEST_BACK_NS = 60_000_000_000
+"""Nanoseconds; a file that ends earlier than it begins by more has a wrap of its clock in it."""
 
 
 def is_raw(path: Path) -> bool:
@@ -48,7 +51,7 @@ class RawStream(EventStream):
         if self._version == "2.1":
             self._legacy = self._is_legacy(header)
         self.resolution = _geometry(header)
-        self.wrap_ns = WRAP_US * 1000 if self._version == "3.0" else 1000 << 34
+        self.wrap_ns = 1000 * (evt3.WRAP_US if self._version == "3.0" else evt2.WRAP_US)
 
     def blocks(self, start_ns: int | None, faults: Faults) -> Iterator[EventBlock]:
         decoder = self._decoder()
@@ -66,7 +69,14 @@ class RawStream(EventStream):
             size = self.path.stat().st_size - self._start
             size -= size % decoder.word.itemsize
             for words in self._words(decoder, max(0, size - BLOCK_BYTES)):
-                yield from decoder.decode(words)
+                yield from map(self._after_first, decoder.decode(words))
+
+    def _after_first(self, block: EventBlock) -> EventBlock:
+        """Return a block of the end with the wrap of the clock that is between it and the first."""
+        first = next(self.blocks(None, Faults()))
+        if np.median(first.t_ns) - np.median(block.t_ns) < LONGEST_BACK_NS:
+            return block
+        return EventBlock(block.x, block.y, block.t_ns + self.wrap_ns, block.polarity)
 
     def _decoder(self) -> Decoder:
         if self._version == "2.1":
