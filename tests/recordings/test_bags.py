@@ -164,6 +164,18 @@ def test_event_packets(tmp_path: Path, calibration: Path, encoding: str, ros1: b
     assert_recording_holds(open_recording(path, calibration), LEFT, RIGHT)
 
 
+def test_an_encoding_that_is_not_read_is_named(tmp_path: Path, calibration: Path) -> None:
+    """Also a driver's first packet, which may be empty, is not what tells the others' clock."""
+    messages = packets(True, "evt3")
+    messages[0][-1].encoding = "evt2"
+    recording = open_recording(write_rosbag1(tmp_path / "a.bag", messages), calibration)
+    assert abs(recording.start_ns - START_NS) < 10**9
+    for *_, message in messages:
+        message.encoding = "evt2"
+    with pytest.raises(InputError, match="left/events: its packets have the encoding 'evt2'"):
+        open_recording(write_rosbag1(tmp_path / "b.bag", messages), calibration)
+
+
 def test_cameras_that_share_a_clock_keep_it(tmp_path: Path, calibration: Path) -> None:
     """Arrival delays have no effect if the sensors' own stamps agree except for wraps."""
     messages = packets(True, "evt3", delays=(3_000_000, 8_000_000))

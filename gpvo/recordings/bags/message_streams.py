@@ -33,6 +33,7 @@ LAST_BYTES = 1 << 17
 """Bytes of packets at the end that are read for this; EVT3 repeats the time much sooner."""
 
 DAMAGED_MESSAGE = "damaged messages were skipped"
+ENCODINGS = ("evt3", "libcaer_cmp", "libcaer", "mono")
 UNKNOWN_ENCODING = "event packets in an unknown encoding were skipped"
 
 M = TypeVar("M")
@@ -84,11 +85,24 @@ class PacketStream(TopicStream):
 
     def __init__(self, log: MessageLog, name: str) -> None:
         super().__init__(log, name)
-        first = next(self._packets(Faults()), None)
-        if first is None:
-            raise InputError(f"{self.where}: holds no events; both cameras are needed")
+        first = self._first_packet()
         self.resolution = (first.width, first.height) if first.width and first.height else None
         self.wrap_ns = WRAP_US * 1000 if first.encoding == "evt3" else 0
+
+    def _first_packet(self) -> EventPacket:
+        """Return the first packet in an encoding that is read."""
+        others: list[str] = []
+        for packet in self._packets(Faults()):
+            if packet.encoding in ENCODINGS:
+                return packet
+            others.append(repr(packet.encoding))
+        if not others:
+            raise InputError(f"{self.where}: holds no events; both cameras are needed")
+        names = ", ".join(dict.fromkeys(others))
+        raise InputError(
+            f"{self.where}: its packets have the encoding {names}; gpvo reads"
+            f" {', '.join(ENCODINGS)}: set the driver to one of them, or convert the bag"
+        )
 
     def arrival_offset_ns(self) -> int | None:
         """Return the stamp of the first message with events minus its first event's sensor time."""
@@ -96,7 +110,7 @@ class PacketStream(TopicStream):
             return None
         decoder = Evt3()
         for packet in self._packets(Faults()):
-            for block in _decode(packet, decoder):
+            for block in _decode(packet, decoder) if packet.encoding == "evt3" else ():
                 return packet.stamp_ns - int(block.t_ns[0])
         return None
 
