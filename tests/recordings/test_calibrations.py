@@ -140,6 +140,8 @@ def test_camera_info(tmp_path: Path, write_camchain: Write, model: str, rectifie
     rig = reference(write_camchain, model)
     for side in ("left", "right"):
         text = yaml.safe_dump(camera_info(rig, side, rectified))
+        text = text.replace("matrix:", "matrix: !!opencv-matrix")
+        text = text.replace("coefficients:", "coefficients: !!opencv-nd-matrix")
         (tmp_path / f"{side}.yaml").write_text(f"%YAML:1.0\n---\n{text}")
     for path in (tmp_path / "left.yaml", tmp_path / "right.yaml"):
         assert_same_rig(read_calibration(path), rig)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -166,4 +167,4 @@ def _plain_yaml(text: str) -> str:
     """Return the YAML without OpenCV's first line and without its tags of matrices."""
     if text.startswith("%YAML:"):
         text = text.partition("\n")[2]
-    return text.replace("!!opencv-matrix", "")
+    return re.sub("!!opencv-(nd-)?matrix", "", text)
