@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.lie import se3_inverse
-from gpvo.errors import about
+from gpvo.errors import InputError, about
 from gpvo.evaluation.evaluate import Evaluation, common_stamps, evaluate
-from gpvo.evaluation.metrics.association import common_part
+from gpvo.evaluation.metrics.association import common_interval, common_part
 from gpvo.evaluation.metrics.frame_and_clock_offsets import find_body_offset, find_time_offset
 from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.protocol import STEP, Contender, Protocol
@@ -30,6 +30,9 @@ from gpvo.trajectory import StampedPoses
 
 STRANGE_ROTATION = 0.35
 """Median rotation error, rad (20 degrees), above which another body frame is likely."""
+
+MOST_POSES = 1_000_000
+"""Largest number of poses that --step may ask for: more take minutes and gigabytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,12 +174,25 @@ def _evaluate(contender: Contender, protocol: Protocol) -> Evaluation:
 def _stamps(contender: Contender, protocol: Protocol) -> NDArray[np.int64]:
     """Return the stamps at which to compare."""
     if protocol.step is not None:
-        return common_stamps(contender.estimate, contender.ground_truth, protocol.step)
+        return _every_step(contender.estimate, contender.ground_truth, protocol.step)
     if contender.at_states_of is not None:
         return contender.at_states_of.estimate.stamps_ns
     if contender.continuous:
         return common_stamps(contender.estimate, contender.ground_truth, STEP)
     return contender.estimate.stamps_ns
+
+
+def _every_step(
+    estimate: StampedPoses, ground_truth: StampedPoses, step: float
+) -> NDArray[np.int64]:
+    start, stop = common_interval(estimate, ground_truth)
+    count = (stop - start) * 1e-9 / step
+    if count > MOST_POSES:
+        raise InputError(
+            f"--step {step:g}: compares {count:.0f} poses; take a longer step, for {MOST_POSES} at"
+            " most"
+        )
+    return common_stamps(estimate, ground_truth, step)
 
 
 def _asked_at(stamps_ns: NDArray[np.int64], contender: Contender) -> StampedPoses:

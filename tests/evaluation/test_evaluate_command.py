@@ -135,6 +135,12 @@ def test_a_fixed_step_overrides_the_states(sequence):
         assert (np.diff(evaluation.estimate.stamps_ns) == 50_000_000).all()
 
 
+def test_a_step_with_too_many_poses_is_refused(sequence):
+    for file in ("truth.txt", "esvo.txt"):
+        with pytest.raises(InputError, match=r"truth\.txt: --step 1e-06: compares \d{7} poses"):
+            run(sequence / file, sequence / "truth.txt", protocol=Protocol(step=1e-6))
+
+
 def test_offsets_of_clock_and_body_are_removed_when_asked(random_walk, random_transform):
     truth = random_walk(5, 500)
     T = random_transform(1)
