@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from factors.lie import se3_inverse
 from gpvo.errors import InputError, about
 from gpvo.evaluation.evaluate import Evaluation, common_stamps, evaluate
-from gpvo.evaluation.metrics.association import common_interval, common_part
+from gpvo.evaluation.metrics.association import common_interval, common_part, interval_text
 from gpvo.evaluation.metrics.frame_and_clock_offsets import find_body_offset, find_time_offset
 from gpvo.evaluation.poses.continuous import ContinuousPoses
 from gpvo.evaluation.protocol import STEP, Contender, Protocol
@@ -176,10 +176,16 @@ def _stamps(contender: Contender, protocol: Protocol) -> NDArray[np.int64]:
     if protocol.step is not None:
         return _every_step(contender.estimate, contender.ground_truth, protocol.step)
     if contender.at_states_of is not None:
-        return contender.at_states_of.estimate.stamps_ns
+        return _states_of(contender.at_states_of, contender)
     if contender.continuous:
         return common_stamps(contender.estimate, contender.ground_truth, STEP)
     return contender.estimate.stamps_ns
+
+
+def _states_of(other: Contender, contender: Contender) -> NDArray[np.int64]:
+    place = f"compared at the states of {other.name}, {interval_text(other.estimate)}"
+    with about(place):
+        return common_part(other.estimate.stamps_ns, contender.estimate, contender.ground_truth)
 
 
 def _every_step(

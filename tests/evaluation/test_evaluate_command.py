@@ -334,6 +334,13 @@ def test_files_that_cannot_be_compared_are_named(sequence, random_walk, protocol
         run(sequence / "esvo.txt", later, protocol=protocol)
 
 
+def test_a_competitor_of_another_time_is_named(sequence, random_walk):
+    """The estimate and the ground truth fit each other, and are not what is wrong."""
+    write_tum(sequence / "later.txt", random_walk(1, 300).later(10**12))
+    with pytest.raises(InputError, match=r"compared at the states of ESVO, \d+.* to \d+.* s: noth"):
+        run(sequence / "results", sequence / "truth.txt", [f"ESVO={sequence / 'later.txt'}"])
+
+
 def test_options_are_checked():
     for step in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="--step"):
