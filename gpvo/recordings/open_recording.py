@@ -77,6 +77,19 @@ FORMATS = (
 )
 """Tried in this order."""
 
+ARCHIVES = {
+    "zip": b"PK\3\4",
+    "gzip": b"\x1f\x8b",
+    "bzip2": b"BZh",
+    "xz": b"\xfd7zXZ\0",
+    "zstd": b"\x28\xb5\x2f\xfd",
+    "7z": b"7z\xbc\xaf\x27\x1c",
+}
+"""First bytes of packed files, in which data sets come."""
+
+TAR = slice(257, 262)
+"""Where tar says what it is."""
+
 SUFFIXES = (".hdf5", ".h5", ".bag", ".mcap")
 """Suffixes of recordings in one file."""
 
@@ -155,10 +168,22 @@ def _unknown(path: Path, formats: Sequence[Format]) -> str:
 def _check_readable(path: Path) -> None:
     if not path.exists():
         raise InputError(f"{path}: no such file")
+    if not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: is a pipe or a device; write the recording to a file")
     try:
         if path.is_dir():
             next(path.iterdir(), None)
         else:
-            path.open("rb").close()
+            _check_unpacked(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be opened ({error.strerror})") from error
+
+
+def _check_unpacked(path: Path) -> None:
+    """Raise InputError for an archive; text in one that is not compressed looks like events."""
+    with path.open("rb") as file:
+        head = file.read(TAR.stop)
+    kinds = (kind for kind, magic in ARCHIVES.items() if head.startswith(magic))
+    kind = "tar" if head[TAR] == b"ustar" else next(kinds, None)
+    if kind is not None:
+        raise InputError(f"{path}: is packed by {kind}; unpack it first")

@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import lzma
+import os
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
+from tarfile import TarFile, TarInfo
+from types import ModuleType
+from zipfile import ZipFile
 
 import h5py
 import numpy as np
@@ -45,6 +53,32 @@ def test_no_recording(tmp_path: Path, calibration: Path) -> None:
     empty = tmp_path / "empty.hdf5"
     empty.write_bytes(b"")
     assert "not a recording" in fault(empty, calibration)
+
+
+@pytest.mark.parametrize("kind", ["zip", "gzip", "bzip2", "xz", "tar"])
+def test_packed_recordings(tmp_path: Path, calibration: Path, kind: str) -> None:
+    """What an archive holds is not read, also where it is text that is not compressed."""
+    lines = "".join(f"{t / 1e6:.6f} 1 2 0\n" for t in range(5000)).encode()
+    packers: dict[str, ModuleType] = {"gzip": gzip, "bzip2": bz2, "xz": lzma}
+    for side in ("left", "right"):
+        path = tmp_path / f"{side}.txt"
+        if kind in packers:
+            path.write_bytes(packers[kind].compress(lines))
+        elif kind == "zip":
+            with ZipFile(path, "w") as packed:
+                packed.writestr("events.txt", lines)
+        else:
+            with TarFile(path, "w") as packed_files:
+                entry = TarInfo("events.txt")
+                entry.size = len(lines)
+                packed_files.addfile(entry, BytesIO(lines))
+    assert f"is packed by {kind}; unpack it first" in fault(tmp_path / "left.txt", calibration)
+
+
+def test_a_pipe(tmp_path: Path, calibration: Path) -> None:
+    """It would wait for ever for what is written to it."""
+    os.mkfifo(tmp_path / "left.raw")
+    assert "is a pipe or a device" in fault(tmp_path / "left.raw", calibration)
 
 
 def test_hdf5_without_cameras(tmp_path: Path, calibration: Path) -> None:
