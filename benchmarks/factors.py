@@ -6,7 +6,7 @@ time is the fastest of many rounds in which all contestants take turns.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Callable
 from itertools import cycle
 from pathlib import Path
@@ -200,4 +200,6 @@ def main(plot: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("plot", nargs="?", type=Path, help="file for a plot of the cost per state")
+    main(parser.parse_args().plot)

@@ -15,6 +15,7 @@ import numpy as np
 
 from benchmarks.dataset import exit_with
 from benchmarks.fault_cases import FAULTS, Fault
+from benchmarks.options import at_least_one, positive
 from factors.lie import se3_inverse, se3_log
 from gpvo.errors import InputError
 from gpvo.evaluation import evaluate
@@ -145,8 +146,8 @@ def main(arguments: Sequence[str] | None = None) -> list[FaultResult]:
     """Parse the options, run, print and write the results."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--faults", nargs="+", metavar="NAME", help="some of them")
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--duration", type=float, default=5.0, help="seconds")
+    parser.add_argument("--seeds", type=at_least_one, default=2)
+    parser.add_argument("--duration", type=positive, default=5.0, help="seconds")
     parser.add_argument("--output", type=Path, help="folder for faults.json and faults.md")
     options = parser.parse_args(arguments)
     known = {fault.name: fault for fault in FAULTS}

@@ -26,6 +26,7 @@ from damage import DAMAGES, cut, outcome, samples
 from reading import read_recording
 from recording_files import camchain
 
+from benchmarks.options import at_least_one
 from gpvo.recordings import open_recording
 
 OUTCOMES = ("whole", "told", "untold", "error")
@@ -34,7 +35,9 @@ OUTCOMES = ("whole", "told", "untold", "error")
 def main() -> None:
     """Run the fuzz test for every format."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=300, help="files per format and damage")
+    parser.add_argument(
+        "--count", type=at_least_one, default=300, help="files per format and damage"
+    )
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     logging.getLogger("gpvo.recordings").setLevel(logging.CRITICAL)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.options import positive, positives, size
 from gpvo import Configuration, LiveOdometry, Odometry, Trajectory
 from gpvo.live.load import Level
 from gpvo.live.session import LiveSession
@@ -85,16 +86,15 @@ def largest_distance(trajectory: Trajectory, reference: Trajectory) -> float:
 def main() -> None:
     """Print a table with a row for each speed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--speeds", default="1,2,4,10")
-    parser.add_argument("--seconds", type=float, default=5.0)
-    parser.add_argument("--resolution", default="346x260")
+    parser.add_argument("--speeds", type=positives, default=[1.0, 2.0, 4.0, 10.0])
+    parser.add_argument("--seconds", type=positive, default=5.0)
+    parser.add_argument("--resolution", type=size, default=(346, 260))
     given = parser.parse_args()
-    width, height = map(int, given.resolution.split("x"))
     config = SimulationConfig(
         seed=3,
         duration=given.seconds,
-        resolution=(width, height),
-        focal_length=226.0 * width / 346,
+        resolution=given.resolution,
+        focal_length=226.0 * given.resolution[0] / 346,
         noise_rate=1.0,
     )
     recording = simulate(config)
@@ -104,7 +104,7 @@ def main() -> None:
     factor = recording.duration / (time.perf_counter() - began)
     print(f"without a clock: {factor:.2f} x real time")
     print(HEADER)
-    for speed in map(float, given.speeds.split(",")):
+    for speed in given.speeds:
         print(live_run(recording, speed, reference).row(), flush=True)
 
 

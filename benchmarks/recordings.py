@@ -24,6 +24,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.dataset import exit_with
+from benchmarks.options import positive
 from gpvo.recordings import open_recording
 from gpvo.recordings.calibration.unknown import UNKNOWN_RIG
 from gpvo.recordings.streams import EventBlock
@@ -182,9 +184,9 @@ def read_and_report(path: Path) -> None:
 def main() -> None:
     """Print the table, or measure the memory."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=4.0)
-    parser.add_argument("--rate", type=float, default=1e6, help="events per second and camera")
-    parser.add_argument("--bag-size", type=float, help="GB; measure memory instead")
+    parser.add_argument("--seconds", type=positive, default=4.0)
+    parser.add_argument("--rate", type=positive, default=1e6, help="events per second and camera")
+    parser.add_argument("--bag-size", type=positive, help="GB; measure memory instead")
     parser.add_argument("--read", type=Path, help="read a recording and print what it took")
     options = parser.parse_args()
     if options.read:
@@ -201,4 +203,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    exit_with(main)

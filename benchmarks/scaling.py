@@ -19,8 +19,8 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks.dataset import exit_with
+from benchmarks.options import positive, size
 from gpvo.config import Configuration
-from gpvo.errors import InputError
 from gpvo.evaluation.report.machine import machine, machine_text
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.run_time import peak_memory_bytes
@@ -199,23 +199,15 @@ def findings(by_rate: Sequence[Point], by_features: Sequence[Point]) -> list[str
     ]
 
 
-def parsed(text: str) -> tuple[int, int]:
-    """Read WIDTHxHEIGHT."""
-    width, cross, height = text.partition("x")
-    if not (cross and width.isdigit() and height.isdigit()):
-        raise InputError(f"--resolutions {text}: give WIDTHxHEIGHT, such as 346x260")
-    return int(width), int(height)
-
-
 def main(arguments: Sequence[str] | None = None, console: Console | None = None) -> None:
     """Measure, print the table and the slopes, and write them."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    default = ["240x180", "346x260", "640x480", "1280x720"]
-    parser.add_argument("--resolutions", nargs="+", default=default)
-    parser.add_argument("--seconds", type=float, default=2.0, help="of every recording")
+    default = [(240, 180), (346, 260), (640, 480), (1280, 720)]
+    parser.add_argument("--resolutions", nargs="+", type=size, default=default)
+    parser.add_argument("--seconds", type=positive, default=2.0, help="of every recording")
     parser.add_argument("--output", type=Path, help="folder for scaling.md")
     options, console = parser.parse_args(arguments), console or Console()
-    resolutions = [parsed(text) for text in options.resolutions]
+    resolutions = options.resolutions
     Odometry(room((120, 90), 0.4).rig).run(room((120, 90), 0.4))  # compiles
     by_size = sizes(resolutions, options.seconds)
     by_rate = rates(resolutions[0], options.seconds)

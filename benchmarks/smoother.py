@@ -290,6 +290,9 @@ def main(
     ),
 ) -> None:
     """Compare the estimators on the same tracklets."""
+    for name in mode or ():
+        if name not in MODES:
+            raise typer.BadParameter(f"--mode {name}: known are {', '.join(MODES)}")
     modes = {name: MODES[name] for name in mode or MODES}
     configuration = load_configuration(config) if config else Configuration()
     path = RECORDINGS / "room1_indoor1_data.hdf5"

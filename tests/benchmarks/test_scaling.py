@@ -9,7 +9,6 @@ import pytest
 from rich.console import Console
 
 from benchmarks import scaling
-from gpvo.errors import InputError
 
 
 def test_the_slope_of_a_power_law_is_its_exponent() -> None:
@@ -35,8 +34,3 @@ def test_every_run_has_a_row_and_the_growth_is_said(
     text = (tmp_path / "scaling.md").read_text()
     assert text.count("\n| 120x90") == 5
     assert text.count("slope") == 3 and "last quarter" in text
-
-
-def test_a_resolution_is_two_numbers() -> None:
-    with pytest.raises(InputError, match="--resolutions 346: give WIDTHxHEIGHT"):
-        scaling.main(["--resolutions", "346"], Console(quiet=True))
