@@ -98,7 +98,7 @@ class Protocol:
         truth_gaps = contenders[0].ground_truth.gaps_ns
         if len(truth_gaps):
             seconds = np.diff(truth_gaps).sum() * 1e-9
-            text += f"; nothing within {len(truth_gaps)} gaps of the ground truth, {seconds:.3g} s"
+            text += f"; nothing within the ground truth's gaps, {seconds:.3g} s in all"
         if self.align_body != "none":
             text += f"; constant body offset removed ({self.align_body})"
         return text + ("; constant clock offset removed." if self.align_time else ".")
