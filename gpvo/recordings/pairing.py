@@ -13,6 +13,7 @@ NUMBERED = (("0", "1"), ("1", "2"))
 NO_CAMERA = "none"
 """What --right-topic names where only one camera is to be read."""
 
+SIDE_WORDS = {word for words in SIDES for word in words}
 _CAMERA = r"((?:cam|camera|dvs|davis|events?|sensor)_?)"
 FILE_WORDS = [
     *((left, right, True) for left, right in SIDES),
@@ -120,17 +121,34 @@ def _listing(names: Sequence[str]) -> str:
 
 
 def paired_files(path: Path) -> tuple[Path, Path] | None:
-    """Return both cameras' files, given one, by swapping left and right in its path, or None."""
+    """Return both cameras' files, given one, by swapping left and right in its path, or None.
+
+    The last word counts most: right_turn_left.h5 is the left camera's.
+    """
     path = path.absolute()
     for depth in (1, 2, 3):
         if depth >= len(path.parts):
             return None
         root, tail = Path(*path.parts[:-depth]), "/".join(path.parts[-depth:])
-        for mine, other, is_left in FILE_WORDS:
-            candidate = root / re.sub(mine, other, tail)
+        for swapped, is_left in _swapped(tail):
+            candidate = root / swapped
             if candidate != path and candidate.is_file():
                 return (path, candidate) if is_left else (candidate, path)
     return None
+
+
+def _swapped(name: str) -> list[tuple[str, bool]]:
+    """Return names of the other camera's file, likeliest first, and whether `name` is the left's.
+
+    Words of sides come before numbered cameras, later ones before earlier ones.
+    """
+    found = []
+    for mine, other, is_left in FILE_WORDS:
+        for word in re.finditer(mine, name):
+            rank = mine not in SIDE_WORDS, -word.start()
+            once = name[: word.start()] + word.expand(other) + name[word.end() :]
+            found += [(rank, once, is_left), (rank, re.sub(mine, other, name), is_left)]
+    return [(swapped, is_left) for _, swapped, is_left in sorted(found, key=lambda one: one[0])]
 
 
 def files_of(folder: Path, suffixes: Sequence[str]) -> list[Path]:

@@ -222,6 +222,20 @@ def test_the_other_file_is_missing(tmp_path: Path, calibration: Path) -> None:
     assert_recording_holds(open_recording(tmp_path, calibration, "left.h5", "b.h5"), LEFT, RIGHT)
 
 
+def test_the_last_word_of_a_name_tells_the_camera(tmp_path: Path, calibration: Path) -> None:
+    """A turn to the left and one to the right, recorded by two cameras each."""
+    others = event_block(700, 8), event_block(600, 9)
+    for name, blocks in (("left_turn_{side}.h5", (LEFT, RIGHT)), ("right_turn_{side}.h5", others)):
+        paths = [tmp_path / name.format(side=side) for side in ("left", "right")]
+        for path, block in zip(paths, blocks, strict=True):
+            column_file(path, block)
+    for side in ("left", "right"):
+        first = open_recording(tmp_path / f"left_turn_{side}.h5", calibration)
+        assert_recording_holds(first, LEFT, RIGHT)
+        second = open_recording(tmp_path / f"right_turn_{side}.h5", calibration)
+        assert_recording_holds(second, *others)
+
+
 def test_other_files_in_the_folder(tmp_path: Path, calibration: Path) -> None:
     """A broken file or other tables beside a recording do not keep it from being read."""
     column_file(tmp_path / "LEFT.H5", LEFT)
