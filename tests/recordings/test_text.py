@@ -125,6 +125,17 @@ def test_names_in_the_first_line(tmp_path: Path, head: str, separator: str) -> N
     assert not any(faults.values())
 
 
+@pytest.mark.parametrize(("on", "off"), [("True", "False"), ("true", "false")])
+def test_polarities_of_bool(tmp_path: Path, on: str, off: str) -> None:
+    fields = columns(BEGIN)
+    signs = [on if one else off for one in BEGIN.polarity]
+    order = [fields["t"], fields["x"], fields["y"], signs]
+    faults = Faults()
+    stream = TextStream(write(tmp_path / "a.csv", *order, head="t_us,x,y,p\n", separator=","))
+    assert_same_events(read_stream(stream, faults), BEGIN)
+    assert not any(faults.values())
+
+
 def test_names_say_what_numbers_do_not(tmp_path: Path) -> None:
     """y before x, milliseconds without fractions, and a column that means nothing."""
     fields, noise = columns(BEGIN, 10**6), ["7.5"] * len(BEGIN)

@@ -10,10 +10,10 @@ import numpy as np
 from gpvo.errors import InputError
 from gpvo.recordings.calibration.unknown import LARGEST
 from gpvo.recordings.files.text_layout import (
-    MARKS,
     SAMPLE_BYTES,
     UNITS,
     TextLayout,
+    number_lines,
     text_layout,
 )
 from gpvo.recordings.files.text_numbers import LARGEST_PIXEL, Array
@@ -101,7 +101,7 @@ def _stamps(table: Array, layout: TextLayout) -> np.ndarray:
 
 def _table(lines: list[bytes], width: int, faults: Faults) -> Array:
     """Return the numbers (N, width) of the lines that hold so many."""
-    even = b"".join(lines).translate(MARKS).splitlines()
+    even = number_lines(b"".join(lines))
     try:
         table = np.loadtxt(even, np.float64, comments="#", ndmin=2)
     except (ValueError, UnicodeDecodeError):

@@ -21,6 +21,8 @@ SAMPLE_BYTES = 1 << 15
 """Bytes at the start, in the middle and at the end that are looked at."""
 MARKS = bytes.maketrans(b",;\t|%", b"    #")
 """Makes spaces of all separators, and one mark of both marks of comments."""
+TRUTHS = {b"True": b"1", b"False": b"0", b"true": b"1", b"false": b"0"}
+"""Polarities of bool, as tables of other programs are written."""
 UNITS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 
 
@@ -137,10 +139,17 @@ def _samples(path: Path) -> list[bytes]:
     return samples
 
 
+def number_lines(data: bytes) -> list[bytes]:
+    """Return lines with numbers only, between spaces, and comments that begin with #."""
+    for word, number in TRUTHS.items():
+        data = data.replace(word, number)
+    return data.translate(MARKS).splitlines()
+
+
 def _rows(sample: bytes) -> list[list[float]]:
     """Return the numbers of the lines that hold nothing else."""
     rows = []
-    for line in sample.translate(MARKS).splitlines():
+    for line in number_lines(sample):
         try:
             rows.append([float(number) for number in line.partition(b"#")[0].split()])
         except ValueError:
