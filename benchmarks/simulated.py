@@ -165,7 +165,7 @@ def write(
 ) -> None:
     """Write tables.md and simulated.png."""
     from benchmarks.simulated_plot import suite_figure  # matplotlib is slow to import
-    from gpvo.evaluation.report.plots import save_figure
+    from gpvo.evaluation.report.figures import save_figure
 
     (folder / "tables.md").write_text("\n".join(map(to_markdown, tables)), encoding="utf-8")
     save_figure(suite_figure(results, earlier), folder / "simulated.png")

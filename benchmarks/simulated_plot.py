@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from benchmarks.simulated_summary import METRICS, CaseResult, Metric, names, values
-from gpvo.evaluation.report.plots import COLOURS, new_figure, shared_legend
+from gpvo.evaluation.report.figures import COLOURS, new_figure, shared_legend
 
 SHOWN = ("rms_m", "rms_deg", "relative", "real_time")
 

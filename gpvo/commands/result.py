@@ -164,12 +164,8 @@ class Result:
 
     def _write_plots(self, folder: Path, kind: str) -> None:
         # matplotlib is slow to import
-        from gpvo.evaluation.report.plots import (
-            error_figure,
-            path_figure,
-            save_figure,
-            series_figure,
-        )
+        from gpvo.evaluation.report.figures import save_figure
+        from gpvo.evaluation.report.plots import error_figure, path_figure, series_figure
 
         middle = [0.5 * (report.start + report.stop) for report in self.reports]
         counts = {

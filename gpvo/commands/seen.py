@@ -50,7 +50,7 @@ class Seen:
         found.write_ply(folder / "map.ply")
         if plots != "none":
             # matplotlib is slow to import
-            from gpvo.evaluation.report.plots import save_figure
+            from gpvo.evaluation.report.figures import save_figure
             from gpvo.view.overview import overview_figure
 
             figure = overview_figure(trajectory, self._best, evaluation)

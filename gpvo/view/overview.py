@@ -10,7 +10,7 @@ from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
 from gpvo.evaluation import Evaluation
-from gpvo.evaluation.report.plots import COLOURS, TRUTH_COLOUR, new_figure
+from gpvo.evaluation.report.figures import COLOURS, TRUTH_COLOUR, new_figure
 from gpvo.trajectory import Trajectory
 from gpvo.view.keeper import BestPicture
 

@@ -4,16 +4,8 @@ import numpy as np
 import pytest
 
 from gpvo.evaluation import evaluate
-from gpvo.evaluation.report.plots import (
-    COLOURS,
-    error_figure,
-    line_styles,
-    path_figure,
-    path_figure_3d,
-    png,
-    save_figure,
-    series_figure,
-)
+from gpvo.evaluation.report.figures import COLOURS, line_styles, png, save_figure
+from gpvo.evaluation.report.plots import error_figure, path_figure, path_figure_3d, series_figure
 from gpvo.evaluation.report.weak_stretches import Stretch
 
 

@@ -15,13 +15,8 @@ from rich.table import Table
 
 from gpvo.evaluation.front_end.inspect import SLOPE_AGREEMENT, InspectedCluster
 from gpvo.evaluation.front_end.summary import Numbers, pooled, velocity_errors
-from gpvo.evaluation.report.plots import (
-    COLOURS,
-    new_figure,
-    save_figure,
-    series_figure,
-    shared_legend,
-)
+from gpvo.evaluation.report.figures import COLOURS, new_figure, save_figure, shared_legend
+from gpvo.evaluation.report.plots import series_figure
 
 FILES = ("inspection.json", "counts.png", "flow.png", "errors.png", "velocity.png", "tracklets.png")
 

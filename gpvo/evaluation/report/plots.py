@@ -1,4 +1,4 @@
-"""Plots of paths and errors as PNG files, the same bytes for the same input.
+"""Figures of paths and errors.
 
 The world frame of every plot is the first camera: x to the right, y down, z forward.
 """
@@ -6,31 +6,26 @@ The world frame of every plot is the first camera: x to the right, y down, z for
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from io import BytesIO
-from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from factors.lie import se3_inverse
 from gpvo.evaluation.evaluate import Evaluation
+from gpvo.evaluation.report.figures import (
+    COLOURS,
+    TRUTH_COLOUR,
+    label_axes,
+    line_styles,
+    new_figure,
+    shared_legend,
+)
 from gpvo.evaluation.report.weak_stretches import Stretch
 from gpvo.trajectory import StampedPoses
-
-TRUTH_COLOUR = "#555555"
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Palette of M. Okabe and K. Ito, distinguishable for colour-blind readers too."""
-DASHES = ("-", "--", ":", "-.")
-"""Line styles, one after the other where the palette repeats."""
-MOST_COLUMNS = 5
-"""Largest number of columns of a legend."""
 
 
 def path_figure(estimates: Mapping[str, StampedPoses], ground_truth: StampedPoses | None) -> Figure:
@@ -49,8 +44,8 @@ def path_figure(estimates: Mapping[str, StampedPoses], ground_truth: StampedPose
         axes.plot(0.0, 0.0, "o", color="black", markersize=4, zorder=5)
         axes.set_title(title)
         axes.set_aspect("equal", adjustable="datalim")
-    _label(above, "right [m]", "forward [m]")
-    _label(side, "forward [m]", "up [m]")
+    label_axes(above, "right [m]", "forward [m]")
+    label_axes(side, "forward [m]", "up [m]")
     shared_legend(figure, above)
     return figure
 
@@ -124,10 +119,10 @@ def error_figure(
         bands = 3 * deviations[:, 1], np.degrees(3 * deviations[:, 0])
         for axes, band in zip((translation, rotation), bands, strict=True):
             axes.fill_between(along, band, color=COLOURS[5], alpha=0.25, linewidth=0, label="3 σ")
-    _label(translation, "", "global translation\nerror [m]")
-    _label(rotation, "", "global rotation\nerror [°]")
+    label_axes(translation, "", "global translation\nerror [m]")
+    label_axes(rotation, "", "global rotation\nerror [°]")
     time = "time since the first pose compared [s]" if start_ns is None else "time [s]"
-    _label(
+    label_axes(
         relative, "path length [m]" if over == "path" else time, "relative SE(3)\nerror [m, rad]"
     )
     for axes in (translation, rotation):
@@ -185,70 +180,10 @@ def series_figure(
             axes.axvspan(*span, color=COLOURS[3], alpha=0.2, linewidth=0, label=label)
     for (name, values), style in zip(series.items(), line_styles(len(series)), strict=True):
         axes.plot(seconds, values, linewidth=1.0, label=name, **style)
-    _label(axes, "time [s]", ylabel)
+    label_axes(axes, "time [s]", ylabel)
     axes.set_ylim(bottom=0.0)
     axes.margins(x=0.01)
     if whole_numbers:
         axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     shared_legend(figure, axes)
     return figure
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """Make an empty figure, sizes in inches, without a window."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def line_styles(count: int) -> list[dict[str, Any]]:
-    """Return `count` colours with line styles, all different up to two dozen."""
-    return [
-        {
-            "color": COLOURS[index % len(COLOURS)],
-            "linestyle": DASHES[index // len(COLOURS) % len(DASHES)],
-        }
-        for index in range(count)
-    ]
-
-
-def shared_legend(figure: Figure, axes: Axes) -> None:
-    """Add one legend above all axes, with each label of `axes` once, in columns that fit."""
-    handles, labels = axes.get_legend_handles_labels()
-    entries = dict(zip(labels, handles, strict=True))
-    for columns in range(min(MOST_COLUMNS, len(entries)), 0, -1):
-        legend = figure.legend(
-            entries.values(),
-            entries.keys(),
-            loc="outside upper center",
-            ncols=columns,
-            frameon=False,
-        )
-        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
-            return
-        legend.remove()
-
-
-def _label(axes: Axes, x: str, y: str) -> None:
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.grid(alpha=0.3, linewidth=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def png(figure: Figure) -> bytes:
-    """Return a PNG without date or version, so that equal figures give equal files."""
-    memory = BytesIO()
-    figure.savefig(memory, dpi=150, format="png", metadata={"Software": None})
-    return memory.getvalue()
-
-
-def save_figure(figure: Figure, path: Path | str) -> None:
-    """Write a figure as a PNG, PDF or SVG file, by its name, without a date."""
-    kind = Path(path).suffix[1:]
-    if kind == "png":
-        Path(path).write_bytes(png(figure))
-        return
-    no_date: dict[str, Any] = {"CreationDate": None} if kind == "pdf" else {"Date": None}
-    with rc_context({"svg.hashsalt": "gpvo"}):
-        figure.savefig(path, format=kind, metadata=no_date)

@@ -12,7 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gpvo.evaluation.comparison import Comparison
-from gpvo.evaluation.report.plots import error_figure, path_figure, path_figure_3d, png
+from gpvo.evaluation.report.figures import png
+from gpvo.evaluation.report.plots import error_figure, path_figure, path_figure_3d
 from gpvo.evaluation.report.result_folder import make_folder
 from gpvo.evaluation.report.table import LATEX_PACKAGES, to_html, to_latex, to_markdown
 from gpvo.trajectory import StampedPoses
