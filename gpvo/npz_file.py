@@ -29,6 +29,8 @@ def read_npz(
         with np.load(path, allow_pickle=False) as file:
             names = [name for name in shapes if name in file or name not in optional]
             arrays = {name: file[name] for name in names}
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
     except Exception as error:  # NumPy raises many kinds: of zip, of zlib, of Python's tokens, ...
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: is not {what} ({reason})") from error

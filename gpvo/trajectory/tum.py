@@ -43,6 +43,8 @@ def read_tum(path: Path | str) -> StampedPoses:
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a text file ({error})") from error
     return parse_tum(text.splitlines(), str(path))

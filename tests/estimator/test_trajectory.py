@@ -146,6 +146,12 @@ def test_arrays_that_do_not_fit_are_one_clear_error(
         Trajectory.load(path)
 
 
+def test_a_file_that_is_not_there_is_said_as_such(tmp_path: Path) -> None:
+    for read, name in ((Trajectory.load, "path.npz"), (read_tum, "path.tum")):
+        with pytest.raises(InputError, match=rf"{name}: no such file$"):
+            read(tmp_path / name)
+
+
 def test_tum_has_the_absolute_stamps_and_nine_decimals(
     trajectory: Trajectory, tmp_path: Path
 ) -> None:
