@@ -104,6 +104,11 @@ class DeadReckoning:
         self._measured, self._guessed = t, []
 
     @property
+    def measured_until(self) -> float:
+        """Time until which the motion is measured, seconds; it is guessed from there on."""
+        return self._measured
+
+    @property
     def in_window(self) -> bool:
         """Whether some of what is not forgotten was guessed."""
         return bool(self._guessed)

@@ -80,9 +80,24 @@ class FinalStates:
         self._keep(last)
         self._begin, self.settling = np.inf, States()
 
+    def end_guessed(self, last: States, since: float, found: States) -> None:
+        """Do so where the motion since a time, seconds, is guessed, and `found` (1,) comes next.
+
+        The states that are not final lead there: else the path would jump.
+        """
+        guessed = States.concatenate([self.settling, last])
+        self.settling = States()
+        self.end_segment(led_to(guessed, since, found))
+
     def _keep(self, states: States) -> None:
         # A copy: a view would hold the memory of the settling states, too, of each moment.
         self._final += [States.concatenate([states])] if len(states) else []
+
+
+def led_to(states: States, since: float, end: States) -> States:
+    """Let the states (K,) after a time, seconds, lead to a later state (1,)."""
+    ahead = States.concatenate([states, states[-1:].at(end.t)])
+    return share_correction(ahead, max(since, float(states.t[0])), end)[:-1]
 
 
 def share_correction(states: States, start: float, end: States) -> States:

@@ -281,16 +281,18 @@ class FixedLagSmoother:
         knots = window.knots.followed_by(window.knots_of(ends))
         place = self._place_again(new, velocity) if start > ends.t[-1] else None
         if place is None:
-            t, first, known = float(ends.t[-1]), last, ends[:-1]
+            t, first = float(ends.t[-1]), last
             self._initial = self._reckoning.state_after(ends.T_world_cam[-1])
             self._segments.begin(states, knots)
+            self._final.end_segment(ends[:-1])
         else:
-            t, first, known = start, last + 1, ends
+            t, first = start, last + 1
             self._initial = self._reckoning.state_after(place.T_world_cam)
             twist = self._initial.covariance[6:, 6:]
             self._segments.begin_apart(states, knots, t, place, twist)
+            found = States(np.array([t]), place.T_world_cam[None], ends.twist[-1:])
+            self._final.end_guessed(ends, self._reckoning.measured_until, found)
             self._reckoning.end(t)
-        self._final.end_segment(known)
         self._window, self._leaving = self._new_window(window.first + first), None
         self._lag = Lag(self._config)
         self._window.begin(update, t, velocity)

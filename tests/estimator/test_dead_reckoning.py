@@ -121,6 +121,22 @@ def test_after_a_break_known_landmarks_tell_where_the_camera_is(seed: int) -> No
     assert (deviations[10_000] > 20 * deviations[0]).all()
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_path_leads_to_where_known_landmarks_tell_that_the_camera_is(seed: int) -> None:
+    """The guess is off by a decimetre, which was one step of the path."""
+    simulation = TrackletSimulation(NOISE, per_cluster=6, length=100)
+    rng, motion = np.random.default_rng(seed), simulation.motion(1.8, np.random.default_rng(seed))
+    smoother = FixedLagSmoother(simulation.camera, NOISE, EstimatorConfig(bridge=BRIDGE))
+    for end_time, measurements in simulation.clusters(motion, rng):
+        measured = measurements if not 0.8 < end_time <= 1.4 + 1e-9 else NOTHING
+        smoother.update(end_time, measured, velocity_at(motion, end_time))
+    trajectory = smoother.trajectory()
+    assert trajectory is not None
+    path = trajectory.pose(np.arange(0.7, 1.7, 0.01))[:, :3, 3]
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    assert steps.max() < 2 * np.median(steps)
+
+
 def velocity_at(motion: States, t: float) -> VelocityFit:
     """Return the true velocity at a time as MC-RANSAC would."""
     twist = motion.query(np.array([t]))[1][0]

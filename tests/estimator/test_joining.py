@@ -10,7 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from factors.lie import se3_exp, se3_inverse, se3_log
-from gpvo.estimator.final_states import FinalStates, correct_final_states, share_correction
+from gpvo.estimator.final_states import (
+    FinalStates,
+    correct_final_states,
+    led_to,
+    share_correction,
+)
 from gpvo.trajectory import States
 
 
@@ -99,3 +104,22 @@ def test_no_more_memory_is_held_than_states() -> None:
     held, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert 59 * 49 * 184 <= final.nbytes < held < 1.3 * final.nbytes
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 999), st.floats(-0.5, 1.5))
+def test_guessed_states_lead_to_the_one_that_was_found(seed: int, since: float) -> None:
+    """Those before are as they were, and those after go where they went if that is found."""
+    rng = np.random.default_rng(seed)
+    states, t = path(rng, np.linspace(0, 1, 9)), np.array([1.2])
+    guessed = states.at(t)
+    xi = 0.3 * rng.normal(size=6)
+    moved = led_to(states, since, States(t, se3_exp(xi) @ guessed.T_world_cam, guessed.twist))
+    known = states.t <= since
+    np.testing.assert_allclose(moved[known].T_world_cam, states[known].T_world_cam, atol=1e-12)
+    share = 1.0 if since >= 1.0 else 0.2 / (1.2 - max(since, 0.0))  # that is left at the last one
+    missing = se3_log(se3_exp(xi) @ states.T_world_cam[-1] @ se3_inverse(moved.T_world_cam[-1]))
+    np.testing.assert_allclose(missing, share * xi, atol=1e-9)
+    same = led_to(states, since, guessed)
+    np.testing.assert_allclose(same.T_world_cam, states.T_world_cam, atol=1e-12)
+    np.testing.assert_allclose(same.twist, states.twist, atol=1e-11)
