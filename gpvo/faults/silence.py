@@ -80,6 +80,7 @@ def _both(t: float) -> Fault:
     return Fault(
         "no events",
         t,
-        "no events of either camera; a camera at rest has noise, so that data is missing: check"
-        " cables, driver and disk. The motion is guessed until events come again",
+        "no events of either camera; those at rest have noise, so that data is missing unless they"
+        " are simulated: check cables, driver and disk. The motion is guessed until events come"
+        " again, or taken for none if they faded out",
     )
