@@ -37,7 +37,7 @@ class NoiseConfig(StageConfig):
         description="Standard deviation of what a track moves on its landmark where the look of "
         "that changes by one, tracked pixels: the image motion turns by 60 degrees (by two: is "
         "reversed), or the landmark comes e times nearer. The variance grows with the change. 0 "
-        "takes a landmark for a point, as the paper does.",
+        "takes a landmark for a point, as the paper and batch do.",
     )
     disparity_drift: float = Field(
         default=0.2,
@@ -47,7 +47,7 @@ class NoiseConfig(StageConfig):
     motion_memory: float = Field(
         default=0.0,
         ge=0,
-        description="How long the motion is remembered that Q_c follows, seconds: "
+        description="How long fixed_lag remembers the motion that Q_c follows, seconds: "
         "`acceleration_psd` is where it starts. 0 keeps that value, as in the paper.",
     )
     acceleration_memory: float = Field(
@@ -55,13 +55,13 @@ class NoiseConfig(StageConfig):
         ge=0,
         description="The acceleration in the latest two updates, which only later ones measure, is "
         "white noise about its mean before them, in this many times an update's time. 0 has it "
-        "about zero, as in the paper.",
+        "about zero, as in the paper and in batch.",
     )
     measurement_memory: float = Field(
         default=0.0,
         ge=0,
-        description="How long the residuals are remembered that the scale of R follows, seconds: "
-        "`measurement_information` is where it starts. 0 keeps that value, as in the paper.",
+        description="How long fixed_lag remembers the residuals that the scale of R follows, "
+        "seconds: `measurement_information` is where it starts. 0 keeps it, as in the paper.",
     )
     velocity_share: float = Field(
         default=1.0,
