@@ -148,8 +148,8 @@ def _held(truth: StampedPoses, at_ns: int, pause_ns: int) -> StampedPoses:
     pose, before = truth.interpolate(np.array([at_ns])).T_world_cam, truth.stamps_ns < at_ns
     pause = np.arange(at_ns, at_ns + pause_ns + 1, round(np.median(np.diff(truth.stamps_ns))))
     stamps = [truth.stamps_ns[before], pause, truth.stamps_ns[~before] + pause_ns + 1]
-    poses = [truth.T_world_cam[before], np.tile(pose, (len(pause), 1, 1))]
-    poses.append(truth.T_world_cam[~before])
+    held = np.repeat(pose, len(pause), axis=0)
+    poses = [truth.T_world_cam[before], held, truth.T_world_cam[~before]]
     return StampedPoses(np.concatenate(stamps), np.concatenate(poses))
 
 

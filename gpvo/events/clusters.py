@@ -116,9 +116,14 @@ class StereoCluster:
         return 0.5 * (self.start + self.stop)
 
     @property
+    def event_count(self) -> int:
+        """Number of events of both cameras."""
+        return self.left.event_count + self.right.event_count
+
+    @property
     def is_silent(self) -> bool:
         """Whether no event came, not even noise that was left out."""
-        return not any(side.event_count + sum(side.left_out) for side in (self.left, self.right))
+        return self.event_count + sum(self.left.left_out) + sum(self.right.left_out) == 0
 
     @property
     def contour_count(self) -> float:
@@ -129,7 +134,7 @@ class StereoCluster:
     def noise_share(self) -> float:
         """Expected share of the events that are background activity, from 0 to 1."""
         noise = self.left.noise_count + self.right.noise_count
-        return min(1.0, noise / max(1, self.left.event_count + self.right.event_count))
+        return min(1.0, noise / max(1, self.event_count))
 
 
 @kernel

@@ -10,7 +10,7 @@ from gpvo.errors import InputError
 from gpvo.recordings import two_files
 from gpvo.recordings.bags.mcap import McapFile
 from gpvo.recordings.bags.rosbag1 import RosBag1
-from gpvo.recordings.bags.rosbag2 import is_rosbag2, open_rosbag2
+from gpvo.recordings.bags.rosbag2 import ZSTD, is_rosbag2, open_rosbag2
 from gpvo.recordings.bags.topics import open_log
 from gpvo.recordings.base import SIDES, Recording
 from gpvo.recordings.calibration.find import Calibration, rig_for
@@ -82,7 +82,7 @@ ARCHIVES = {
     "gzip": b"\x1f\x8b",
     "bzip2": b"BZh",
     "xz": b"\xfd7zXZ\0",
-    "zstd": b"\x28\xb5\x2f\xfd",
+    "zstd": ZSTD,
     "7z": b"7z\xbc\xaf\x27\x1c",
 }
 """First bytes of packed files, in which data sets come."""

@@ -24,8 +24,8 @@ from gpvo.tracking.contour_lag import StereoLag
 from gpvo.tracking.contour_way import USUAL, ContourWay
 from gpvo.tracking.event_sums import Flow
 from gpvo.tracking.feature_flow import flow_between, median_length
+from gpvo.tracking.missing_data import MissingData
 from gpvo.tracking.observations import Observations
-from gpvo.tracking.silence import Silence
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ class MotionCompensation:
         self._lag = StereoLag(config.lag_share, side)
         self._cluster: StereoCluster | None = None
         self._full_count, self._way = deque[float](maxlen=USUAL), ContourWay(config.little_motion)
-        self._noise, self._silence, self._still = NoiseLevel(), Silence(), False
+        self._noise, self._missing, self._still = NoiseLevel(), MissingData(), False
 
     @property
     def thinned(self) -> int:
@@ -165,7 +165,7 @@ class MotionCompensation:
         """Return whether the contours of both cameras moved by less than a little, at `middle`."""
         if not self._images:
             return False
-        if self._silence.is_missing_data(cluster):
+        if self._missing.is_in(cluster):
             self._way.lose()
             return False
         dt = middle - self._images[-1][0].reference

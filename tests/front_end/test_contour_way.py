@@ -19,8 +19,8 @@ from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 from gpvo.tracking import Observations
 from gpvo.tracking.contour_way import COMMON, FEW, ContourWay
 from gpvo.tracking.event_sums import brightness
+from gpvo.tracking.missing_data import MissingData
 from gpvo.tracking.motion_compensation import MotionCompensation
-from gpvo.tracking.silence import Silence
 
 PERIOD, LITTLE = 0.05, 1.5
 SHAPE = (60, 80)
@@ -140,7 +140,7 @@ def test_pictures_of_missing_data_show_nothing() -> None:
 def test_pictures_of_a_camera_that_came_to_rest_go_on_showing_those_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(Silence, "is_missing_data", lambda silence, cluster: False)
+    monkeypatch.setattr(MissingData, "is_in", lambda missing, cluster: False)
     compensation, _ = run([2000, 2000, 2000, 100, 0, 0])
     assert compensation.hardly_moved and compensation._images[-1][0].count.sum() > 1900
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from gpvo.config.stages.stage import StageConfig
+from gpvo.config.stages.stage import LARGEST_SIDE, StageConfig
 
 LARGEST_PATCH = 31
 """Side of a patch in the pictures of large sensors, pixels."""
@@ -44,7 +44,7 @@ class KltConfig(StageConfig):
         "frames follow each other more slowly, each has more.",
     )
     spacing: int = Field(
-        default=8, ge=1, le=65_535, description="Smallest distance between features, pixels."
+        default=8, ge=1, le=LARGEST_SIDE, description="Smallest distance between features, pixels."
     )
     crowding: float | None = Field(
         default=1.5,

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict
 
+LARGEST_SIDE = 65_535
+"""Width or height of an image, pixels, at most: columns and rows of events are uint16."""
+
 
 class StageConfig(BaseModel):
     """Base of the stages' models: immutable; a misspelt field or a NaN is an error."""

@@ -6,10 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from gpvo.config.stages.stage import StageConfig
-
-LARGEST = 65_535
-"""Width or height of an image, pixels, at most: columns and rows of events are uint16."""
+from gpvo.config.stages.stage import LARGEST_SIDE, StageConfig
 
 
 class FeatureConfig(StageConfig):
@@ -35,16 +32,16 @@ class Viso2Config(StageConfig):
     flow_radius: int = Field(
         default=40,
         ge=1,
-        le=LARGEST,
+        le=LARGEST_SIDE,
         description="Search half range per frame of temporal distance, pixels.",
     )
     max_disparity: int = Field(
-        default=100, ge=1, le=LARGEST, description="Search range of stereo matches, pixels."
+        default=100, ge=1, le=LARGEST_SIDE, description="Search range of stereo matches, pixels."
     )
     row_tolerance: int = Field(
         default=1,
         ge=0,
-        le=LARGEST,
+        le=LARGEST_SIDE,
         description="Largest row difference between left and right, pixels.",
     )
     two_stage: bool = Field(
@@ -60,7 +57,7 @@ class Viso2Config(StageConfig):
     range_cell: int = Field(
         default=50,
         ge=1,
-        le=LARGEST,
+        le=LARGEST_SIDE,
         description="Side of the cells that have search ranges of their own, pixels.",
     )
     least_range: float = Field(
@@ -89,7 +86,7 @@ class Viso2Config(StageConfig):
     bucket_size: int = Field(
         default=50,
         ge=1,
-        le=LARGEST,
+        le=LARGEST_SIDE,
         description="Side of the cells that few features are kept of, pixels.",
     )
     bucket_features: int = Field(

@@ -187,7 +187,7 @@ class _Inspector:
         return InspectedCluster(
             cluster.start,
             cluster.stop,
-            cluster.left.event_count + cluster.right.event_count,
+            cluster.event_count,
             tracked.tracking.known if tracked.tracking else 0,
             tracked.tracking.closed if tracked.tracking else 0,
             judge(earlier, later, tracked.inliers, self._truth, self.front_end.camera),

@@ -68,12 +68,13 @@ class RawStream(EventStream):
         else:
             size = self.path.stat().st_size - self._start
             size -= size % decoder.word.itemsize
+            first = next(self.blocks(None, Faults()), None)
             for words in self._words(decoder, max(0, size - BLOCK_BYTES)):
-                yield from map(self._after_first, decoder.decode(words))
+                for block in decoder.decode(words):
+                    yield self._after(first or block, block)
 
-    def _after_first(self, block: EventBlock) -> EventBlock:
+    def _after(self, first: EventBlock, block: EventBlock) -> EventBlock:
         """Return a block of the end with the wrap of the clock that is between it and the first."""
-        first = next(self.blocks(None, Faults()))
         if np.median(first.t_ns) - np.median(block.t_ns) < LONGEST_BACK_NS:
             return block
         return EventBlock(block.x, block.y, block.t_ns + self.wrap_ns, block.polarity)

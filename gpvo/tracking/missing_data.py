@@ -23,18 +23,17 @@ At constant deceleration to rest, within T seconds, there is a share of END / 2T
 """
 
 
-class Silence:
+class MissingData:
     """Tells of each cluster whether data is missing: no event came, and those before were cut."""
 
     def __init__(self) -> None:
         self._rates, self._was_cut = deque[float](maxlen=USUAL), True
 
-    def is_missing_data(self, cluster: StereoCluster) -> bool:
+    def is_in(self, cluster: StereoCluster) -> bool:
         """Return whether data is missing in the next cluster."""
-        count = cluster.left.event_count + cluster.right.event_count
-        if count == 0:  # but noise that was left out may have come
+        if cluster.event_count == 0:  # but noise that was left out may have come
             return cluster.is_silent and self._was_cut
-        self._rates.append(count / (cluster.stop - cluster.start))
+        self._rates.append(cluster.event_count / (cluster.stop - cluster.start))
         self._was_cut = events_at_end(cluster) > FADED * END * median(self._rates)
         return False
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.recordings import Events
-from gpvo.tracking.silence import END, Silence, events_at_end
+from gpvo.tracking.missing_data import END, MissingData, events_at_end
 
 STOP = 0.25
 NOTHING = ClusterEvents((), np.zeros((1, 1, 2), np.float32), (80, 60))
@@ -30,9 +30,9 @@ def steady(rate: float, end: float = STOP) -> StereoCluster:
 
 
 def is_missing_after(*clusters: StereoCluster) -> bool:
-    silence = Silence()
-    assert not any(map(silence.is_missing_data, clusters))
-    return silence.is_missing_data(SILENT)
+    missing = MissingData()
+    assert not any(map(missing.is_in, clusters))
+    return missing.is_in(SILENT)
 
 
 @given(st.floats(1e3, 1e5), st.floats(0.02, STOP))
@@ -54,15 +54,15 @@ def test_a_camera_that_comes_to_rest_fades_out(rate: float, seconds: float) -> N
 
 
 def test_what_a_silence_is_does_not_change_while_it_lasts() -> None:
-    silence = Silence()
+    missing = MissingData()
     noise = replace(SILENT, left=replace(NOTHING, left_out=(3, 0)))
-    silence.is_missing_data(steady(1e4, 0.1))
-    assert not silence.is_missing_data(noise)
-    assert [silence.is_missing_data(SILENT) for _ in range(3)] == [True] * 3
+    missing.is_in(steady(1e4, 0.1))
+    assert not missing.is_in(noise)
+    assert [missing.is_in(SILENT) for _ in range(3)] == [True] * 3
 
 
 def test_a_stream_without_any_event_before_has_missing_data() -> None:
-    assert Silence().is_missing_data(SILENT)
+    assert MissingData().is_in(SILENT)
 
 
 @pytest.mark.parametrize("left_out", [(3, 0), (0, 3)])
