@@ -11,6 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from benchmarks.data_folder import find_trajectories
+from benchmarks.options import at_least_one
 from benchmarks.run import Run, run_odometry
 from gpvo.commands.evaluate import at_states_of_competitor, print_comparison
 from gpvo.commands.workers import in_order
@@ -69,7 +70,7 @@ def arguments(description: str, sequences: Sequence[str]) -> argparse.ArgumentPa
     parser.add_argument("--config", type=Path, help="configuration (YAML), see `gpvo config`")
     parser.add_argument("--seed", type=int, help="seed of all random choices")
     parser.add_argument("--output", type=Path, help="folder for report, trajectories and costs")
-    parser.add_argument("--jobs", type=int, default=1, help="sequences at once")
+    parser.add_argument("--jobs", type=at_least_one, default=1, help="sequences at once")
     parser.add_argument("--scheduler", help="address of a Dask scheduler, to run there")
     return parser
 
@@ -81,8 +82,6 @@ def run_benchmark(
     console: Console,
 ) -> list[Outcome]:
     """Run all sequences, print the comparisons, and write them if --output is given."""
-    if options.jobs < 1:
-        raise InputError("--jobs: give 1 or more")
     configuration = configuration_of(options)
     if options.output is not None:
         make_folder(options.output)

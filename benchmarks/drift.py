@@ -19,6 +19,7 @@ from benchmarks.dataset import exit_with
 from benchmarks.drift_cases import ROUND, ROUNDS, long_cases
 from benchmarks.drift_summary import DriftResult, case_table
 from benchmarks.faults import last_nees
+from benchmarks.options import at_least_one, positive
 from benchmarks.simulated import STEP, chosen
 from benchmarks.simulated_cases import Case
 from benchmarks.simulated_summary import write_summary
@@ -148,9 +149,11 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS), metavar="NAME"
     )
-    parser.add_argument("--seeds", type=int, default=1, help="runs of each")
-    parser.add_argument("--duration", type=float, help="seconds, for shorter recordings")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes at once")
+    parser.add_argument("--seeds", type=at_least_one, default=1, help="runs of each")
+    parser.add_argument("--duration", type=positive, help="seconds, for shorter recordings")
+    parser.add_argument(
+        "--jobs", type=at_least_one, default=os.cpu_count(), help="processes at once"
+    )
     parser.add_argument("--output", type=Path, help="folder for drift.json and drift.md")
     return parser
 

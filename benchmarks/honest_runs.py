@@ -19,7 +19,7 @@ from rich.console import Console
 from scipy.stats import chi2
 
 from benchmarks.dataset import exit_with
-from benchmarks.options import at_least_one, positive
+from benchmarks.options import at_least_one, positive, zero_or_more
 from gpvo.commands.workers import in_order
 from gpvo.config import Configuration
 from gpvo.errors import InputError
@@ -141,7 +141,7 @@ def arguments() -> argparse.ArgumentParser:
         "--motions", nargs="+", choices=MOTIONS, default=list(MOTIONS), metavar="NAME"
     )
     parser.add_argument("--seeds", type=at_least_one, default=50, help="runs of each motion")
-    parser.add_argument("--first-seed", type=int, default=0, help="the others follow it")
+    parser.add_argument("--first-seed", type=zero_or_more, default=0, help="others follow it")
     parser.add_argument("--duration", type=positive, default=2.0, help="seconds of each run")
     parser.add_argument(
         "--jobs", type=at_least_one, default=os.cpu_count(), help="processes at once"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.options import positive
 from gpvo.evaluation.front_end.truth import Truth, truth_of_poses, truth_of_simulation
 from gpvo.evaluation.poses.load import load_poses
 from gpvo.recordings import Recording, open_recording
@@ -47,7 +48,7 @@ def parse_options(parser: argparse.ArgumentParser) -> argparse.Namespace:
     parser.add_argument("--calibration", type=Path)
     parser.add_argument("--ground-truth", type=Path)
     parser.add_argument("--start", type=float, default=2.0, help="seconds of it to skip")
-    parser.add_argument("--duration", type=float, default=2.0, help="seconds of each recording")
+    parser.add_argument("--duration", type=positive, default=2.0, help="seconds of each recording")
     options = parser.parse_args()
     if options.recording is not None and options.ground_truth is None:
         parser.error("--recording needs --ground-truth")

@@ -24,6 +24,13 @@ def at_least_one(text: str) -> int:
     return int(text)
 
 
+def zero_or_more(text: str) -> int:
+    """Read a whole number of 0 or more, such as a seed."""
+    if not text.isdecimal():
+        raise ArgumentTypeError(f"{text}: give 0 or more")
+    return int(text)
+
+
 def size(text: str) -> tuple[int, int]:
     """Read (width, height) in pixels."""
     width, cross, height = text.partition("x")

@@ -15,6 +15,7 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks.dataset import configuration_of, exit_with
+from benchmarks.options import at_least_one, positive, zero_or_more
 from benchmarks.run import run_odometry
 from benchmarks.simulated_cases import Case, all_cases
 from benchmarks.simulated_summary import (
@@ -88,10 +89,12 @@ def arguments() -> argparse.ArgumentParser:
     """Return a parser of the options."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="some of the suite")
-    parser.add_argument("--seeds", type=int, default=3, help="runs of each case")
-    parser.add_argument("--first-seed", type=int, default=0, help="the others follow it")
-    parser.add_argument("--duration", type=float, help="seconds, for shorter recordings")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes at once")
+    parser.add_argument("--seeds", type=at_least_one, default=3, help="runs of each case")
+    parser.add_argument("--first-seed", type=zero_or_more, default=0, help="others follow it")
+    parser.add_argument("--duration", type=positive, help="seconds, for shorter recordings")
+    parser.add_argument(
+        "--jobs", type=at_least_one, default=os.cpu_count(), help="processes at once"
+    )
     parser.add_argument("--scheduler", help="address of a Dask scheduler, to run there")
     parser.add_argument("--config", type=Path, help="configuration (YAML), see `gpvo config`")
     parser.add_argument("--output", type=Path, help="folder for summary.json, table and plot")
@@ -102,8 +105,6 @@ def arguments() -> argparse.ArgumentParser:
 
 def chosen(suite: Sequence[Case], options: argparse.Namespace) -> list[Case]:
     """Return the cases that the options name, or all, as long as they say."""
-    if options.seeds < 1 or options.jobs < 1:
-        raise InputError("--seeds and --jobs: give 1 or more")
     known = {case.name: case for case in suite}
     unknown = [name for name in options.cases or () if name not in known]
     if unknown:
@@ -120,8 +121,6 @@ def main(
     """Parse the options, run the suite, print and write the results."""
     options, console = arguments().parse_args(arguments_given), console or Console()
     cases = chosen(all_cases() if suite is None else suite, options)
-    if options.first_seed < 0:
-        raise InputError("--first-seed: give 0 or more")
     simulations = {case.name: case.config.model_dump(mode="json") for case in cases}
     earlier = read_summary(options.against, simulations) if options.against else []
     configuration = configuration_of(options)

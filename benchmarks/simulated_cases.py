@@ -11,7 +11,6 @@ import numpy as np
 from benchmarks.fault_cases import Harm, burst, hot_pixel, standstill, unharmed
 from benchmarks.moving_things import passes_by
 from benchmarks.sensor_faults import flicker, half_dead, hot_pixels
-from gpvo.errors import InputError
 from gpvo.evaluation.poses.load import load_poses
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 from gpvo.simulation.motion import Motion
@@ -56,8 +55,6 @@ class Case:
 
     def shorter(self, duration: float) -> Case:
         """Return the case with at most `duration` seconds."""
-        if not duration > 0.0:
-            raise InputError(f"--duration {duration:g}: give a positive number of seconds")
         shorter = min(duration, self.config.duration)
         return replace(self, config=self.config.model_copy(update={"duration": shorter}))
 

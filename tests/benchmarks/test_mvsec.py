@@ -80,8 +80,6 @@ def test_a_dask_cluster_gives_the_same_as_this_process(data: Path, config_file: 
         there = main(list(map(str, [*options, "--scheduler", cluster.scheduler_address])), console)
     poses = [run.trajectory.T_world_cam for run in (here.run, there[0].run)]
     np.testing.assert_array_equal(*poses)
-    with pytest.raises(InputError, match="--jobs"):
-        main(list(map(str, [*options, "--jobs", 0])), console)
 
 
 def check_output(report: Path, poses: ContinuousPoses) -> None:

@@ -7,7 +7,18 @@ from collections.abc import Callable
 
 import pytest
 
-from benchmarks import faults, fuzz_recordings, honest_runs, live, recordings, scaling
+from benchmarks import (
+    departures,
+    drift,
+    faults,
+    fuzz_recordings,
+    honest_runs,
+    live,
+    mvsec,
+    recordings,
+    scaling,
+    simulated,
+)
 
 
 @pytest.mark.parametrize(
@@ -23,6 +34,12 @@ from benchmarks import faults, fuzz_recordings, honest_runs, live, recordings, s
         (faults.main, "--seeds -1", "-1: give 1 or more"),
         (faults.main, "--duration inf", "inf: give a positive number"),
         (fuzz_recordings.main, "--count 0", "0: give 1 or more"),
+        (mvsec.main, "--data . --jobs 0", "0: give 1 or more"),
+        (simulated.main, "--seeds 0", "0: give 1 or more"),
+        (simulated.main, "--duration 0", "0: give a positive number"),
+        (simulated.main, "--first-seed -1", "-1: give 0 or more"),
+        (drift.main, "--jobs 0", "0: give 1 or more"),
+        (departures.main, "--seeds 0", "0: give 1 or more"),
     ],
 )
 def test_numbers_that_measure_nothing_are_refused(
