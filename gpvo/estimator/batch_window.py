@@ -196,59 +196,35 @@ class SlidingWindow:
         return np.concatenate([anchor, state_times(t, self._config.state_interval, *anchor)])
 
     def _knots_until(self, stop: float, measurements: Measurements) -> CovarianceKnots:
+        """Knots from the last known one to the state at `stop`, given the measurements around it.
+
+        The graph has states at knots alone, and measurements between them are interpolated.
+        """
         known = self._knots[-1] if self._knots else CovarianceKnots()
-        return _knots_after(
-            known,
-            stop,
-            self._states,
-            measurements,
-            self._build,
-            self._config.covariance_interval,
-            self._first_deviations,
+        start = known.t[-1] if len(known.t) else self._states.t[0]
+        if stop <= start:
+            return CovarianceKnots()
+        interval = self._config.covariance_interval
+        inner = self._states.t[self._states.t > start]
+        final = np.append(state_times(inner[inner < stop - interval / 2], interval, start), stop)
+        t = np.concatenate([[start], final, state_times(inner, interval, stop)])
+        inside = (measurements.t >= t[0]) & (measurements.t <= t[-1])
+        window = Window(
+            self._states.at(t),
+            seen_twice(measurements[inside]),
+            self._covariance_at(known),
             self._reckoning,
         )
+        covariance = window.covariance(self._build, 1 + len(final))
+        return CovarianceKnots(t[: 1 + len(final)], blocks_of_neighbours(covariance))
 
+    def _covariance_at(self, known: CovarianceKnots) -> Array:
+        """(12, 12) of the last knot: what is known of its pose so far, of its twist nothing.
 
-def _knots_after(
-    known: CovarianceKnots,
-    stop: float,
-    states: States,
-    measurements: Measurements,
-    build: GraphBuilder,
-    interval: float,
-    first_deviations: Array,
-    reckoning: DeadReckoning,
-) -> CovarianceKnots:
-    """Knots from the last known one to the state at `stop`, given the measurements around it.
-
-    The graph has states at knots alone, `interval` seconds apart, and measurements between them
-    are interpolated. `first_deviations` (12,) are those of the trajectory's first state.
-    """
-    start = known.t[-1] if len(known.t) else states.t[0]
-    if stop <= start:
-        return CovarianceKnots()
-    inner = states.t[states.t > start]
-    final = np.append(state_times(inner[inner < stop - interval / 2], interval, start), stop)
-    later = state_times(inner, interval, stop)
-    t = np.concatenate([[start], final, later])
-    inside = (measurements.t >= t[0]) & (measurements.t <= t[-1])
-    window = Window(
-        states.at(t),
-        seen_twice(measurements[inside]),
-        _start_covariance(known, first_deviations),
-        reckoning,
-    )
-    covariance = window.covariance(build, 1 + len(final))
-    return CovarianceKnots(t[: 1 + len(final)], blocks_of_neighbours(covariance))
-
-
-def _start_covariance(known: CovarianceKnots, first_deviations: Array) -> Array:
-    """(12, 12) of the last knot: what is known of its pose so far, of its twist nothing.
-
-    The window's measurements, not the earlier ones that it shares with the last window, tell
-    the twist.
-    """
-    covariance = np.diag(first_deviations**2)
-    if len(known.joint):
-        covariance[:6, :6] = known.joint[-1, 12:18, 12:18]
-    return covariance
+        The window's measurements, not the earlier ones that it shares with the last window, tell
+        the twist.
+        """
+        covariance = np.diag(self._first_deviations**2)
+        if len(known.joint):
+            covariance[:6, :6] = known.joint[-1, 12:18, 12:18]
+        return covariance
