@@ -86,26 +86,27 @@ class OwnFactors:
         """Add the waiting factors to an update; return a diagnostic for each one that fails."""
         if not self.new:
             return []
-        diagnostics, t = [], float(window.states.t[-1])
-        values = window.values()
+        values, t = window.values(), float(window.states.t[-1])
         ahead = [waiting for waiting in self.new if waiting.t is not None and waiting.t > t]
-        for waiting in self.new:
-            if waiting in ahead:
-                continue
-            try:
-                factor = waiting.between(window)
-            except ValueError as error:
-                diagnostics.append(Diagnostic(waiting.name, t, None, f"{LEFT_OUT}: {error}"))
-                continue
-            fault = fault_of(factor, values)
-            if fault is None:
-                self.used = True
-                self.active.append(factor)
-                update.add_factors([factor])
-            else:
-                diagnostics.append(Diagnostic(fault[0], t, None, fault[1]))
+        ready = [waiting for waiting in self.new if waiting not in ahead]
+        faults = [self._add(waiting, update, window, values) for waiting in ready]
         self.new = ahead
-        return diagnostics
+        return [Diagnostic(fault[0], t, None, fault[1]) for fault in faults if fault]
+
+    def _add(
+        self, waiting: Waiting, update: GraphUpdate, window: NumberedStates, values: gtsam.Values
+    ) -> tuple[str, str] | None:
+        """Add a waiting factor to an update; return its name and the reason if it fails."""
+        try:
+            factor = waiting.between(window)
+        except ValueError as error:
+            return waiting.name, f"{LEFT_OUT}: {error}"
+        fault = fault_of(factor, values)
+        if fault is None:
+            self.used = True
+            self.active.append(factor)
+            update.add_factors([factor])
+        return fault
 
     def drop_failing(self, window: NumberedStates) -> list[Diagnostic]:
         """Drop the active factors that fail by themselves; return a diagnostic for each."""
