@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from factors import StereoCamera, gauss_newton_parameters, isam2_parameters, optimize
 from gpvo.estimator.dead_reckoning import DeadReckoning
 from gpvo.estimator.graph_builder import GraphBuilder
-from gpvo.estimator.graph_update import insert_states
+from gpvo.estimator.graph_update import graph_of, insert_states
 from gpvo.estimator.isam2 import joint_covariance, states_of
 from gpvo.estimator.state_times import SAME_TIME
 from gpvo.tracking.measurements import Measurements
@@ -52,15 +52,14 @@ class Window:
         numbers, states = range(len(self.states)), self.states
         density = self.reckoning.densities(states.t, build.qc)
         first = states.T_world_cam[0], states.twist[0], self.first_covariance
-        graph = gtsam.NonlinearFactorGraph()
-        for factor in (
-            *build.prior_on_first_state(0, *first),
-            *build.motion(numbers, states.t, density),
-            *self.reckoning.at_rest(numbers, states.t),
-            *build.reprojection(numbers, states.t, self.measurements),
-        ):
-            graph.push_back(factor)
-        return graph
+        return graph_of(
+            (
+                *build.prior_on_first_state(0, *first),
+                *build.motion(numbers, states.t, density),
+                *self.reckoning.at_rest(numbers, states.t),
+                *build.reprojection(numbers, states.t, self.measurements),
+            )
+        )
 
     def values(self, build: GraphBuilder) -> gtsam.Values:
         """Return the states, and landmarks triangulated from them."""

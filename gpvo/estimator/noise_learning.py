@@ -27,6 +27,8 @@ CAUCHY_SCALE = 3.0
 """Standard deviations beyond which a measurement pulls less on its landmark."""
 INLIERS = 0.999
 """Share of measurements without gross errors that are counted."""
+ITERATIONS = 10
+"""Fits of the landmarks with the information learned so far; the first has the paper's."""
 
 
 def check_count(t: Array) -> None:
@@ -55,15 +57,14 @@ def acceleration_psd(t: Array, T_world_cam: Array) -> Array:
     """
     check_count(t)
     dt = np.diff(t)
-    step = se3_log(se3_inverse(T_world_cam[:-1]) @ T_world_cam[1:]) / dt[:, None]
     # The mean velocities of neighbouring steps differ by noise of the variance q (dt1 + dt2) / 3.
-    change = np.diff(step, axis=0)
+    change = np.diff(_mean_twists(t, T_world_cam), axis=0)
     density = np.mean(3 * change**2 / (dt[:-1] + dt[1:])[:, None], axis=0)
     return np.asarray(density, np.float64)
 
 
 def measurement_information(
-    measurements: Measurements, motion: States, camera: StereoCamera, iterations: int = 10
+    measurements: Measurements, motion: States, camera: StereoCamera
 ) -> Array:
     """(3,) inverse variances of (u_left, v, disparity), pixel^-2, most probable for true poses.
 
@@ -91,7 +92,7 @@ def measurement_information(
         )
     share = 1 - len(np.unique(measurements.landmark)) / len(measurements)
     information = np.array(NoiseConfig().measurement_information)
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         error = _residuals(measurements, motion, camera, information)
         square = error**2 @ information
         weight = 1.0 * (square < chi2.ppf(INLIERS, 3))
@@ -116,9 +117,14 @@ def tuned_noise(
 
 def states_of_poses(t: Array, T_world_cam: Array) -> States:
     """States at true poses; the twists are those of the steps around them."""
-    step = se3_log(se3_inverse(T_world_cam[:-1]) @ T_world_cam[1:]) / np.diff(t)[:, None]
+    step = _mean_twists(t, T_world_cam)
     twist = np.concatenate([step[:1], 0.5 * (step[:-1] + step[1:]), step[-1:]])
     return States(t, T_world_cam, twist)
+
+
+def _mean_twists(t: Array, T_world_cam: Array) -> Array:
+    """(N - 1, 6) mean body twists of the steps between N poses, rad/s and m/s."""
+    return se3_log(se3_inverse(T_world_cam[:-1]) @ T_world_cam[1:]) / np.diff(t)[:, None]
 
 
 def _often_measured(measurements: Measurements, motion: States) -> Measurements:

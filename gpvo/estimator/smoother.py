@@ -18,7 +18,7 @@ from gpvo.estimator.diagnostics import BEFORE_WINDOW, Diagnostic, left_out, spli
 from gpvo.estimator.final_states import FinalStates
 from gpvo.estimator.gate import predicted_covariance, within_gate
 from gpvo.estimator.graph_builder import GraphBuilder
-from gpvo.estimator.graph_update import GraphUpdate
+from gpvo.estimator.graph_update import GraphUpdate, graph_of
 from gpvo.estimator.initialization import InitialState, velocity_ahead
 from gpvo.estimator.known_landmarks import track_drift
 from gpvo.estimator.known_place import KnownPlace, PoseInWorld
@@ -199,11 +199,8 @@ class FixedLagSmoother:
     @property
     def graph(self) -> gtsam.NonlinearFactorGraph:
         """Factors of the key states as they stand, with what was marginalised."""
-        found, factors = gtsam.NonlinearFactorGraph(), self._window.factors
-        for factor in map(factors.at, range(factors.size())):
-            if factor is not None:
-                found.push_back(factor)
-        return found
+        factors = self._window.factors
+        return graph_of(filter(None, map(factors.at, range(factors.size()))))
 
     @property
     def states(self) -> States:
