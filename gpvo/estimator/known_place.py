@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from factors.lie import se3_adjoint, se3_inverse
-from gpvo.mc_ransac.fast_kernels import moved_points
 from gpvo.mc_ransac.iterative import VelocityFit
+from gpvo.mc_ransac.moved_points import moved_points
 from gpvo.tracking.measurements import Measurements
 from gpvo.tracking.pose_of_matches import agreeing, jacobian_of_pose, pose_of_matches
 

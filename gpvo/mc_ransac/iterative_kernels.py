@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.kernels.compiled import kernel
+from factors.kernels.matrices import product_kernel
 from factors.kernels.se3 import (
     LEFT,
     exp_kernel,
     jacobian_coefficients_kernel,
-    product_kernel,
     se3_polynomial_kernel,
 )
 from factors.kernels.triangular import factorize_kernel, solve_lower_kernel
-from gpvo.mc_ransac.fast_kernels import move
+from gpvo.mc_ransac.moved_points import move
 
 Array = NDArray[np.float64]
 

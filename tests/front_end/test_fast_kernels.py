@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from factors.lie import se3_exp
 from gpvo.mc_ransac.fast import random_samples
-from gpvo.mc_ransac.fast_kernels import best_sample_velocity, moved_points, sample_velocity
+from gpvo.mc_ransac.fast_kernels import best_sample_velocity, sample_velocity
+from gpvo.mc_ransac.moved_points import moved_points
 
 Array = NDArray[np.float64]
 seeds = st.integers(0, 2**32)

@@ -12,8 +12,8 @@ from velocity_reference import reprojection_error, velocity_covariance
 from factors.stereo import StereoCamera
 from gpvo.config import McRansacConfig
 from gpvo.mc_ransac import Segments, fast_mc_ransac, iterative_mc_ransac, mc_ransac
-from gpvo.mc_ransac.fast_kernels import moved_points
 from gpvo.mc_ransac.iterative_kernels import covariance_kernel, normal_equations
+from gpvo.mc_ransac.moved_points import moved_points
 from gpvo.mc_ransac.segments import are_inliers, inlier_tolerance
 
 Array = NDArray[np.float64]

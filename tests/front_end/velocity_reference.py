@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from factors.lie import se3_exp, se3_left_jacobian, skew
 from factors.stereo import StereoCamera
 from gpvo.mc_ransac import Segments
-from gpvo.mc_ransac.fast_kernels import moved_points
+from gpvo.mc_ransac.moved_points import moved_points
 
 Array = NDArray[np.float64]
 
