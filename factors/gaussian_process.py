@@ -17,7 +17,8 @@ from factors.incremental import Incremental, joint_marginals
 from factors.interpolation import InterpolatedState, extrapolate, interpolate
 from factors.kernels.between import extrapolated_jacobian_kernel, state_between_kernel
 from factors.kernels.compiled import kernel
-from factors.kernels.se3 import Array, copy_kernel
+from factors.kernels.matrices import copy_kernel
+from factors.kernels.se3 import Array
 from factors.variables import State, as_state, checked_keys, fault_of, variables_at
 
 Index = NDArray[np.int64]

@@ -13,8 +13,9 @@ from factors.factor import Factor
 from factors.jacobian_blocks import JacobianBlocks
 from factors.kernels.between import between_kernel, chain_kernel
 from factors.kernels.compiled import kernel
+from factors.kernels.matrices import copy_columns_kernel
 from factors.kernels.outputs import Addresses, error_at, jacobian_at
-from factors.kernels.se3 import Array, copy_columns_kernel
+from factors.kernels.se3 import Array
 from factors.mounting import camera_by_body, checked_mounting
 from factors.stereo import (
     Camera,

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from factors.checks import Poses, checked_array, checked_poses
 from factors.kernels.compiled import kernel
+from factors.kernels.matrices import copy_kernel
 from factors.kernels.se3 import (
     LEFT,
     Array,
-    copy_kernel,
     exp_kernel,
     inverse_coefficients_kernel,
     jacobian_coefficients_kernel,

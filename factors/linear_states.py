@@ -10,7 +10,8 @@ import numpy as np
 from factors.checks import checked_array, checked_key, checked_poses
 from factors.factor import Factor
 from factors.kernels.compiled import kernel
-from factors.kernels.se3 import Array, copy_vector_kernel, log_kernel, relative_kernel
+from factors.kernels.matrices import copy_vector_kernel
+from factors.kernels.se3 import Array, log_kernel, relative_kernel
 from factors.variables import POSE3, TWIST, Variable
 
 

@@ -18,6 +18,7 @@ from factors.kernels.local_variables import (
     retract_kernel,
     wnoa_kernel,
 )
+from factors.kernels.matrices import product_kernel
 from factors.kernels.outputs import Addresses, jacobian_at
 from factors.kernels.se3 import (
     RIGHT,
@@ -25,7 +26,6 @@ from factors.kernels.se3 import (
     jacobian_coefficients_kernel,
     log_kernel,
     polynomial_derivative_kernel,
-    product_kernel,
     relative_kernel,
     se3_polynomial_kernel,
 )

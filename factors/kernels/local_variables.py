@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from factors.kernels.compiled import bare_kernel, inner_kernel, kernel
+from factors.kernels.matrices import copy_kernel
 from factors.kernels.se3 import (
     RIGHT,
     Array,
     adjoint_coefficients_kernel,
     compose_exp_kernel,
-    copy_kernel,
     first_stumpff_kernel,
     inverse_coefficients_kernel,
     jacobian_coefficients_kernel,

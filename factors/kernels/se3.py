@@ -301,17 +301,6 @@ def relative_kernel(T_i: Array, T_j: Array) -> Array:
 
 
 @inner_kernel
-def product_kernel(A: Array, B: Array) -> Array:
-    """Multiply two matrices."""
-    C = np.zeros((A.shape[0], B.shape[1]))
-    for i in range(A.shape[0]):
-        for k in range(A.shape[1]):
-            for j in range(B.shape[1]):
-                C[i, j] += A[i, k] * B[k, j]
-    return C
-
-
-@inner_kernel
 def multiply_kernel(A: Array, B: Array) -> Array:
     """Multiply two matrices (6, 6) of the form [[A, 0], [B, A]], the dual number A + eps B."""
     C = np.zeros((6, 6))
@@ -324,26 +313,3 @@ def multiply_kernel(A: Array, B: Array) -> Array:
         for j in range(3):
             C[3 + i, 3 + j] = C[i, j]
     return C
-
-
-@bare_kernel
-def copy_columns_kernel(A: Array, first: int, to: Array) -> None:
-    """Copy the columns from `first` on to a matrix with the same number of rows."""
-    for j in range(to.shape[1]):
-        for i in range(to.shape[0]):
-            to[i, j] = A[i, first + j]
-
-
-@bare_kernel
-def copy_vector_kernel(a: Array, to: Array) -> None:
-    """Copy a vector to the first places of another; cheaper to compile than a slice assignment."""
-    for i in range(len(a)):
-        to[i] = a[i]
-
-
-@bare_kernel
-def copy_kernel(A: Array, to: Array) -> None:
-    """Copy one matrix to another; cheaper to compile than a slice assignment."""
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            to[i, j] = A[i, j]

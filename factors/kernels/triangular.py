@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from factors.kernels.compiled import bare_kernel, kernel
-from factors.kernels.se3 import Array, copy_vector_kernel
+from factors.kernels.matrices import copy_vector_kernel
+from factors.kernels.se3 import Array
 
 
 @bare_kernel

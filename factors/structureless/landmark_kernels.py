@@ -17,7 +17,8 @@ from factors.kernels.local_variables import (
     write_hermite_weights,
     write_interpolated_local,
 )
-from factors.kernels.se3 import Array, compose_exp_kernel, copy_vector_kernel
+from factors.kernels.matrices import copy_vector_kernel
+from factors.kernels.se3 import Array, compose_exp_kernel
 from factors.structureless.robust_losses import loss_kernel
 
 Index = NDArray[np.int64]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from factors.kernels.compiled import bare_kernel, kernel
+from factors.kernels.matrices import copy_vector_kernel
 from factors.kernels.se3 import (
     RIGHT,
     Array,
-    copy_vector_kernel,
     inverse_coefficients_kernel,
     log_kernel,
     relative_kernel,

@@ -17,7 +17,8 @@ from factors.kernels.local_variables import (
     write_hermite_weights,
     write_interpolated_local,
 )
-from factors.kernels.se3 import Array, copy_kernel
+from factors.kernels.matrices import copy_kernel
+from factors.kernels.se3 import Array
 from factors.structureless.landmark_kernels import (
     Index,
     landmark_rows_kernel,

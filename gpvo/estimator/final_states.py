@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from factors.kernels.compiled import kernel
 from factors.kernels.local_variables import hermite_weights, local_state_kernel, retract_kernel
-from factors.kernels.se3 import compose_exp_kernel, copy_kernel, copy_vector_kernel
+from factors.kernels.matrices import copy_kernel, copy_vector_kernel
+from factors.kernels.se3 import compose_exp_kernel
 from factors.lie import se3_inverse, se3_log
 from gpvo.trajectory.states import States, later_states
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from factors.kernels.compiled import kernel
-from factors.kernels.se3 import copy_kernel, product_kernel
+from factors.kernels.matrices import copy_kernel, product_kernel
 from factors.lie import se3_inverse
 from gpvo.array_table import ArrayTable
 

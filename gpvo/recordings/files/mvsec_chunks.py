@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.kernels.compiled import kernel
-from factors.kernels.se3 import copy_vector_kernel
+from factors.kernels.matrices import copy_vector_kernel
 from gpvo.recordings import libdeflate
 from gpvo.recordings.base import Events
 from gpvo.recordings.checks.plain_columns import Column, fill_pixels, fill_polarities, fill_times

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from factors.kernels.compiled import kernel
-from factors.kernels.se3 import copy_kernel, copy_vector_kernel
+from factors.kernels.matrices import copy_kernel, copy_vector_kernel
 from factors.lie import se3_inverse
 from gpvo.tracking.pose_of_matches import jacobian_of_pose
 from gpvo.tracking.sights import move
