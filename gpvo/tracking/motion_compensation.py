@@ -217,34 +217,47 @@ class MotionCompensation:
         self._recent = known[known.frame >= self._frame_count - 2]
 
     def _learn_flows(self) -> None:
-        """Estimate left and right image motion between the two latest clusters, if it is known.
+        """Learn what features that both latest clusters saw tell of the motion, if they are enough.
 
-        Once: observations that are added later are not of both clusters. Where the motion turns,
-        contours vanish, and those that are seen then are others: the lag is still that of before.
+        Once: observations that are added later are not of both clusters.
         """
         if self._recent is None or len(self._images) < 2 or self._learned == self._frame_count:
             return
-        seen, (before, latest) = self._recent, list(self._images)[-2:]
-        newest = seen.frame == self._frame_count - 1
+        seen, newest = self._recent, self._recent.frame == self._frame_count - 1
         earlier, later = seen[~newest], seen[newest]
         _, i, j = np.intersect1d(earlier.landmark, later.landmark, return_indices=True)
-        if len(i) < LEAST_FEATURES:
-            if len(later) >= 2 * LEAST_FEATURES and self._config.lag_share > 0:
-                self._doubts[-1] = max(self._doubts[-1], UNSURE)
-            return
-        dt, reach = latest[0].reference - before[0].reference, self._config.reach
-        height, width = latest[0].count.shape
+        if len(i) >= LEAST_FEATURES:
+            self._learn_motion(earlier[i], later[j])
+        elif len(later) >= 2 * LEAST_FEATURES:
+            self._doubt(UNSURE)
+
+    def _learn_motion(self, earlier: Observations, later: Observations) -> None:
+        """Estimate left and right image motion from the same features in the latest clusters."""
+        before, latest = (left for left, _ in list(self._images)[-2:])
+        dt = latest.reference - before.reference
+        height, width = latest.count.shape
         left, right = (
-            flow_between(old[i], new[j], dt, (height, width), reach)
+            flow_between(old, new, dt, (height, width), self._config.reach)
             for old, new in ((earlier.left, later.left), (earlier.right, later.right))
         )
         self.blurred = self._flows[0] is UNKNOWN and median_length(left) * dt > BLURRED
         self._flows, self._learned = (left, right), self._frame_count
         if not self.at_rest:
             self._way.learn(median_length(left))
-        duration = dt - self._pause
-        if self._config.lag_share == 0 or self._cluster is None or self.at_rest:
+            self._follow_lag(dt)
+
+    def _follow_lag(self, dt: float) -> None:
+        """Let the lag follow the image motion, dt seconds after that of the cluster before.
+
+        Where the motion turns, contours vanish, and those that are seen then are others: the lag
+        is still that of before.
+        """
+        if self._config.lag_share == 0 or self._cluster is None:
             return
-        change = self._lag.follow(self._cluster, self._flows, dt, duration)
-        turned = min(UNSURE, hypot(1, median_length(change) / TURN))
-        self._doubts[-1] = max(self._doubts[-1], turned)
+        change = self._lag.follow(self._cluster, self._flows, dt, dt - self._pause)
+        self._doubt(min(UNSURE, hypot(1, median_length(change) / TURN)))
+
+    def _doubt(self, times: float) -> None:
+        """Let deviations of the latest left points be so many times larger at least."""
+        if self._config.lag_share > 0:
+            self._doubts[-1] = max(self._doubts[-1], times)
