@@ -102,13 +102,8 @@ def _parabola_minimum(
     inside = (row > 0) & (row < side - 1) & (column > 0) & (column < side - 1)
     inside &= np.isfinite(costs[:, 0, 0])
     row, column = np.clip(row, 1, side - 2), np.clip(column, 1, side - 2)
-    around = np.stack(
-        [
-            np.stack([costs[np.arange(len(costs)), row + dy, column + dx] for dx in (-1, 0, 1)], -1)
-            for dy in (-1, 0, 1)
-        ],
-        axis=-2,
-    )
+    point, near = np.arange(len(costs))[:, None, None], np.arange(-1, 2)
+    around = costs[point, row[:, None, None] + near[:, None], column[:, None, None] + near]
     around = np.where(inside[:, None, None], around, 0.0)
     # Closed-form least squares of a x^2 + b y^2 + c xy + d x + e y + g on the 3 x 3 grid.
     sum_x, sum_y = around.sum(axis=1), around.sum(axis=2)
