@@ -29,7 +29,7 @@ from gpvo.commands.result import STEP, evaluate_trajectory
 from gpvo.config import Configuration, McRansacConfig
 from gpvo.estimator import make_estimator
 from gpvo.evaluation import Evaluation, evaluate
-from gpvo.events import ClusterEvents, StereoCluster, cluster_events
+from gpvo.events import ClusterEvents, Clustering, StereoCluster
 from gpvo.mc_ransac import Segments, VelocityFit, iterative_mc_ransac, mc_ransac, segments_between
 from gpvo.recordings import Recording
 from gpvo.simulation import SimulationConfig
@@ -92,7 +92,7 @@ def track(known: KnownRecording, image: str) -> Tracked:
     config = Configuration.model_validate(BASE)
     tracker = MultiResolutionTracker(config.tracking.model_copy(update={"image": image}))
     batches = known.recording.event_batches(known.start, known.start + known.duration)
-    clusters = cluster_events(batches, known.recording.rig, config.clustering)
+    clusters = Clustering(known.recording.rig, config.clustering).clusters(batches)
     return [(cluster, tracker.track(cluster)) for cluster in clusters]
 
 

@@ -201,16 +201,6 @@ class Clustering:
         self._flash = 0.0
 
 
-def cluster_events(
-    batches: Iterable[StereoEvents],
-    rig: StereoRig,
-    config: ClusteringConfig,
-    image_motion: Callable[[], ImageMotion] = ImageMotion,
-) -> Iterator[StereoCluster]:
-    """Cut a stereo event stream into clusters; see `Clustering`."""
-    return Clustering(rig, config, image_motion).clusters(batches)
-
-
 class _PendingEvents:
     """Filtered events of one camera since the latest cluster."""
 

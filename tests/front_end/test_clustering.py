@@ -11,13 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gpvo.config import ClusteringConfig
-from gpvo.events import (
-    ClusterEvents,
-    Clustering,
-    ImageMotion,
-    StereoCluster,
-    cluster_events,
-)
+from gpvo.events import ClusterEvents, Clustering, ImageMotion, StereoCluster
 from gpvo.events.clustering import LEAD, WIDEST
 from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 
@@ -56,7 +50,7 @@ def clusters(
     motion: ImageMotion = UNKNOWN,
 ) -> list[StereoCluster]:
     batches = event_batches(left, right, cuts)
-    return list(cluster_events(batches, RIG, config, lambda: motion))
+    return list(Clustering(RIG, config, lambda: motion).clusters(batches))
 
 
 configs = st.builds(
@@ -134,7 +128,8 @@ def test_clusters_do_not_depend_on_the_batches(
 def test_time_without_data_is_in_no_cluster(seed: int, stop: float, missing: float) -> None:
     left, right = random_stream(seed)
     before, _, after = event_batches(left, right, [stop, stop + missing])
-    found = list(cluster_events([before, after], RIG, ClusteringConfig(window=0.1)))
+    clustering = Clustering(RIG, ClusteringConfig(window=0.1))
+    found = list(clustering.clusters([before, after]))
     assert all(a.stop <= b.start for a, b in pairwise(found))
     assert all(cluster.stop <= stop or cluster.start >= stop + missing for cluster in found)
     assert any(cluster.start == stop + missing for cluster in found)
@@ -169,7 +164,7 @@ def test_a_batch_may_be_as_long_as_the_stream() -> None:
     ]
     config = ClusteringConfig(hot_pixel_ratio=0.0)
     rates, again = (
-        [cluster.left.noise_rate for cluster in cluster_events(batches, RIG, config)]
+        [cluster.left.noise_rate for cluster in Clustering(RIG, config).clusters(batches)]
         for batches in (one, many)
     )
     assert rates[0] == 0 and rates == again

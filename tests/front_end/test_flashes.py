@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gpvo.config import ClusteringConfig
-from gpvo.events import StereoCluster, cluster_events
+from gpvo.events import Clustering, StereoCluster
 from gpvo.events.flashes import LONGEST, REMEMBERED, FlashDetector
 from gpvo.recordings import Camera, Events, StereoEvents, StereoRig
 
@@ -40,7 +40,7 @@ def clusters(*parts: Events, skip: bool = True) -> list[StereoCluster]:
     events = events[np.argsort(events.t, kind="stable")]
     batch = StereoEvents(0.0, DURATION, events, events)
     config = ClusteringConfig.model_validate({**PLAIN, "skip_flashes": skip})
-    return list(cluster_events([batch], RIG, config))
+    return list(Clustering(RIG, config).clusters([batch]))
 
 
 def test_a_flash_is_left_out_and_its_time_is_said() -> None:
