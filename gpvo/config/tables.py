@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from typing import Any, get_args
 
 import annotated_types
-import yaml
 from pydantic.fields import FieldInfo
 
 from gpvo.config.stages import Configuration, StageConfig
+from gpvo.config.yaml_file import value_text
 
 UNITS = (
     "tracked pixel^-2",
@@ -64,8 +64,8 @@ def _stage(path: str, auto: StageConfig, paper: StageConfig) -> Iterator[str]:
         if isinstance(ours, StageConfig):
             inner.append((f"{path}.{name}".strip("."), ours, theirs))
             continue
-        other = "" if ours == theirs else f"`{_plain(theirs)}`"
-        cells = [f"`{name}`", f"`{_plain(ours)}`", other, unit(field), rule(field)]
+        other = "" if ours == theirs else f"`{value_text(theirs)}`"
+        cells = [f"`{name}`", f"`{value_text(ours)}`", other, unit(field), rule(field)]
         yield f"| {' | '.join(cells)} | {re.sub(r'[|]', '/', field.description or '')} |"
     for where, ours, theirs in inner:
         yield from _stage(where, ours, theirs)
@@ -75,10 +75,3 @@ def _bound(constraint: Any) -> str:
     """Return a bound as it is written."""
     attribute, symbol = SYMBOLS[type(constraint)]
     return f"{symbol} {getattr(constraint, attribute):g}"
-
-
-def _plain(value: Any) -> str:
-    """Return a value as in YAML."""
-    plain = list(value) if isinstance(value, tuple) else value
-    text = yaml.safe_dump(plain, default_flow_style=True, width=200)
-    return str(text.splitlines()[0])

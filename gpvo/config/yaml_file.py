@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import yaml
 from pydantic import ValidationError
@@ -51,6 +51,13 @@ def configuration_text(configuration: Configuration, described: bool = False) ->
     return "".join(f"{line}\n" for line in _lines(configuration, described, ""))
 
 
+def value_text(value: Any) -> str:
+    """Format the value of a field as YAML, in one line."""
+    plain = list(value) if isinstance(value, tuple) else value
+    text = yaml.safe_dump(plain, default_flow_style=True, width=200)
+    return str(text.splitlines()[0])
+
+
 def _lines(stage: StageConfig, described: bool, indent: str) -> list[str]:
     lines = []
     for name, field in type(stage).model_fields.items():
@@ -62,7 +69,5 @@ def _lines(stage: StageConfig, described: bool, indent: str) -> list[str]:
             continue
         if described and field.description:
             lines.append(f"{indent}# {field.description}")
-        plain = list(value) if isinstance(value, tuple) else value
-        text = yaml.safe_dump(plain, default_flow_style=True, width=200)
-        lines.append(f"{indent}{name}: {text.splitlines()[0]}")
+        lines.append(f"{indent}{name}: {value_text(value)}")
     return lines
