@@ -136,7 +136,7 @@ class Repair:
         clock = Clock()
         self._left = CameraRepair("left", rig.left, clock)
         self._right = CameraRepair("right", rig.right, clock)
-        self._offset = ClockOffset(round(right_offset * 1e9))
+        self._alignment = ClockAlignment(round(right_offset * 1e9))
 
     @property
     def faults(self) -> Faults:
@@ -145,21 +145,21 @@ class Repair:
 
     def __call__(self, packet: Packet) -> tuple[EventBlock, EventBlock, bool]:
         """Return the events that can be used, and whether data is missing before them."""
-        right = self._offset.aligned(packet)
+        right = self._alignment.aligned(packet)
         left, left_jumped = self._left(packet.left, packet.arrival)
         right, right_jumped = self._right(right, packet.arrival)
         if left_jumped or right_jumped:
-            self._offset.begin_again()
+            self._alignment.begin_again()
         return left, right, packet.after_gap or left_jumped or right_jumped
 
 
-class ClockOffset:
-    """Offset of the right camera's clock from the left one's, by the least delay of arrival.
+class ClockAlignment:
+    """Aligns the right camera's clock with the left one's, by the least delays of arrival.
 
-    Its stamps are left `known_ns` late.
+    Its stamps are left `known_ns` late, nanoseconds.
     """
 
-    def __init__(self, known_ns: int = 0) -> None:
+    def __init__(self, known_ns: int) -> None:
         self._known_ns = known_ns
         self._least: dict[str, int] = {}
         self._began = 0.0
