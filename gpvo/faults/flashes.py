@@ -22,9 +22,9 @@ def leaves_out(report: ClusterReport) -> Iterator[Fault]:
             harms=False,
             numbers={"duration_s": report.flash},
         )
-    hot = report.left_out[1]
-    if hot > MUCH * (report.events + sum(report.left_out)) and hot > 100:
-        share = hot / (report.events + sum(report.left_out))
+    hot, count = report.left_out[1], report.events + sum(report.left_out)
+    if hot > MUCH * count and hot > 100:
+        share = hot / count
         yield Fault(
             "hot pixels",
             report.start,

@@ -95,11 +95,7 @@ class FaultWatch:
                 yield Fault("lost", first.start, lost_stage(self._reports))
 
     def _say(self, found: Iterable[Fault]) -> None:
-        for fault in self._new(found):
-            log.warning("%s", fault.line)
-            self.faults.append(fault)
-
-    def _new(self, found: Iterable[Fault]) -> Iterator[Fault]:
         for fault in found:
             if all(fault.kind != known.kind for known in self.faults):
-                yield fault
+                log.warning("%s", fault.line)
+                self.faults.append(fault)

@@ -13,11 +13,10 @@ from gpvo.npz_file import Shape, read_npz
 
 Array = NDArray[np.float64]
 
-_COLUMNS = (("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"))
 PLY_TYPE = np.dtype(
     [
-        *_COLUMNS,
-        ("blue", "u1"),
+        *((name, "<f4") for name in ("x", "y", "z")),
+        *((name, "u1") for name in ("red", "green", "blue")),
         ("deviation", "<f4"),
         ("measurements", "<i4"),
         ("first_time", "<f8"),
