@@ -174,7 +174,7 @@ class Result:
         }
         spans = [(one.start, one.stop) for one in self.verdict.stretches]
         shaded = {"dead reckoning": spans}
-        figure = series_figure(middle, counts, "tracklets per cluster", True, shaded)
+        figure = series_figure(middle, counts, "tracklets per cluster", shaded)
         save_figure(figure, folder / f"tracklets.{kind}")
         if self.evaluation is None:
             path = path_figure({"gpvo": self.trajectory.stamped_poses()}, None)

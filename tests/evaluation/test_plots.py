@@ -101,7 +101,7 @@ def test_equal_figures_are_equal_files(evaluations, tmp_path):
     estimates = {one.name: one.estimate for one in evaluations}
     draw = [
         lambda: path_figure_3d(estimates, evaluations[0].ground_truth),
-        lambda: series_figure([0.0, 1.0], {"tracklets": [3, 4]}, "tracklets", whole_numbers=True),
+        lambda: series_figure([0.0, 1.0], {"tracklets": [3, 4]}, "tracklets"),
     ]
     for make in draw:
         save_figure(make(), tmp_path / "figure.png")

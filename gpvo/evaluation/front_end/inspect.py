@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.stereo import StereoCamera
+from gpvo.array_table import ArrayTable
 from gpvo.config import Configuration, in_full_pixels
 from gpvo.errors import InputError
 from gpvo.estimator import GatheredMeasurements, make_estimator, one_blas_thread
@@ -36,7 +37,7 @@ SLOWEST = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedTracklets:
+class JudgedTracklets(ArrayTable):
     """N tracklets, each from its first measurement in MC-RANSAC's span to the newest cluster.
 
     Attributes
@@ -62,9 +63,6 @@ class JudgedTracklets:
     error: Array
     disparity_error: Array
     time_error: Array
-
-    def __len__(self) -> int:
-        return len(self.earlier)
 
     @property
     def has_truth(self) -> Mask:

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.table import Table
 
-from gpvo.evaluation.front_end.inspect import SLOPE_AGREEMENT, InspectedCluster
-from gpvo.evaluation.front_end.summary import Numbers, pooled, velocity_errors
+from gpvo.evaluation.front_end.inspect import SLOPE_AGREEMENT, InspectedCluster, JudgedTracklets
+from gpvo.evaluation.front_end.summary import Numbers, velocity_errors
 from gpvo.evaluation.report.figures import COLOURS, new_figure, save_figure, shared_legend
 from gpvo.evaluation.report.plots import series_figure
 
@@ -69,12 +69,12 @@ def _counts_figure(clusters: Sequence[InspectedCluster]) -> Figure:
         "inliers": [int(c.tracklets.accepted.sum()) for c in clusters],
         "true inliers": [int((c.tracklets.accepted & c.tracklets.agree).sum()) for c in clusters],
     }
-    return series_figure(_middles(clusters), counts, "per cluster", whole_numbers=True)
+    return series_figure(_middles(clusters), counts, "per cluster")
 
 
 def _flow_figure(clusters: Sequence[InspectedCluster]) -> Figure:
     """Plot measured against true flow, and their difference."""
-    tracklets = pooled([cluster.tracklets for cluster in clusters])
+    tracklets = JudgedTracklets.concatenate(cluster.tracklets for cluster in clusters)
     near = tracklets.distance <= SLOPE_AGREEMENT
     figure = new_figure(8.0, 3.6)
     along, around = figure.subplots(1, 2)
@@ -93,7 +93,7 @@ def _flow_figure(clusters: Sequence[InspectedCluster]) -> Figure:
 
 def _errors_figure(clusters: Sequence[InspectedCluster]) -> Figure:
     """Plot histograms of the inliers' errors."""
-    tracklets = pooled([cluster.tracklets for cluster in clusters])
+    tracklets = JudgedTracklets.concatenate(cluster.tracklets for cluster in clusters)
     inliers = tracklets.accepted & tracklets.agree
     figure = new_figure(9.0, 3.0)
     panels = {

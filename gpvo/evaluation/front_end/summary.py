@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpvo.evaluation.front_end.inspect import SLOPE_AGREEMENT, InspectedCluster, JudgedTracklets
-from gpvo.tracking import Measurements
 
 Array = NDArray[np.float64]
 Numbers = dict[str, float]
@@ -16,7 +15,7 @@ Numbers = dict[str, float]
 
 def summarize(clusters: Sequence[InspectedCluster]) -> dict[str, Numbers]:
     """Compute the numbers by stage and name; NaN where there is nothing to count."""
-    tracklets = pooled([cluster.tracklets for cluster in clusters])
+    tracklets = JudgedTracklets.concatenate(cluster.tracklets for cluster in clusters)
     return {
         "clusters": _cluster_numbers(clusters),
         "tracklets": _tracklet_numbers(clusters, tracklets),
@@ -24,18 +23,6 @@ def summarize(clusters: Sequence[InspectedCluster]) -> dict[str, Numbers]:
         "inlier errors": _inlier_errors(tracklets),
         "MC-RANSAC": _ransac_numbers(clusters, tracklets),
     }
-
-
-def pooled(parts: Sequence[JudgedTracklets]) -> JudgedTracklets:
-    """Concatenate the tracklets of several clusters."""
-    return JudgedTracklets(
-        Measurements.concatenate(part.earlier for part in parts),
-        Measurements.concatenate(part.later for part in parts),
-        np.concatenate([part.accepted for part in parts]),
-        np.concatenate([part.error for part in parts]),
-        np.concatenate([part.disparity_error for part in parts]),
-        np.concatenate([part.time_error for part in parts]),
-    )
 
 
 def _cluster_numbers(clusters: Sequence[InspectedCluster]) -> Numbers:

@@ -166,10 +166,9 @@ def series_figure(
     seconds: ArrayLike,
     series: Mapping[str, ArrayLike],
     ylabel: str,
-    whole_numbers: bool = False,
     shaded: Mapping[str, Sequence[tuple[float, float]]] = MappingProxyType({}),
 ) -> Figure:
-    """Draw curves over the recording's time, for instance tracklets per cluster.
+    """Draw whole numbers over the recording's time, for instance tracklets per cluster.
 
     `shaded` holds stretches of time to shade, seconds, by their label.
     """
@@ -183,7 +182,6 @@ def series_figure(
     label_axes(axes, "time [s]", ylabel)
     axes.set_ylim(bottom=0.0)
     axes.margins(x=0.01)
-    if whole_numbers:
-        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     shared_legend(figure, axes)
     return figure
