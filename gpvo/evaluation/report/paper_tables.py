@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
 
 from gpvo.evaluation.evaluate import Evaluation
 from gpvo.evaluation.metrics.paper_errors import COMPONENTS, Component, PaperStatistics
@@ -106,8 +106,8 @@ def _error_table(
 
 def best_marked(values: Sequence[float], text: Callable[[float], str]) -> list[Cell]:
     """Return the cells of competing values; the smallest and those of equal text are best."""
-    cells = [Cell(text(value) if isfinite(value) else "–") for value in values]
-    finite = [value for value in values if isfinite(value)]
+    cells = [Cell(text(value) if math.isfinite(value) else "–") for value in values]
+    finite = [value for value in values if math.isfinite(value)]
     if len(finite) < 2:
         return cells
     best = text(min(finite))
@@ -124,7 +124,7 @@ def summary_table(evaluations: Sequence[Evaluation], sequence: str = "") -> Resu
         plain = (Cell(describe(evaluation)) for evaluation in evaluations)
         rows.append((Cell(label), *plain))
     if not all(one.aligned_rotation_is_known for one in evaluations):
-        known = (Cell(degrees(RAD * one.aligned_rotation_doubt)) for one in evaluations)
+        known = (Cell(degrees(one.aligned_rotation_doubt)) for one in evaluations)
         rows.append((Cell("aligned rotation is known to"), *known))
     title = f"{sequence}: trajectory error (RMSE)" if sequence else "Trajectory error (RMSE)"
     return ResultTable(title, ("", *(one.name for one in evaluations)), tuple(rows), len(rows))
@@ -135,20 +135,18 @@ def metres(value: float) -> str:
     return f"{value:.4f} m"
 
 
-def degrees(value: float) -> str:
-    """Format degrees with two decimals."""
-    return f"{value:.2f}°"
+def degrees(radians: float) -> str:
+    """Format radians as degrees with two decimals."""
+    return f"{math.degrees(radians):.2f}°"
 
-
-RAD = 57.29577951308232
 
 SUMMARY_ROWS: tuple[tuple[str, Callable[[Evaluation], float], Callable[[float], str]], ...] = (
     ("ATE, SE(3) aligned", lambda one: one.ate["se3"].translation.rmse, metres),
-    ("ATE, SE(3) aligned, rotation", lambda one: RAD * one.ate["se3"].rotation.rmse, degrees),
+    ("ATE, SE(3) aligned, rotation", lambda one: one.ate["se3"].rotation.rmse, degrees),
     ("ATE, yaw aligned", lambda one: one.ate["yaw"].translation.rmse, metres),
     ("ATE, first pose aligned", lambda one: one.ate["first"].translation.rmse, metres),
     ("RPE over 1 s", lambda one: one.rpe["1 s"].translation.rmse, metres),
-    ("RPE over 1 s, rotation", lambda one: RAD * one.rpe["1 s"].rotation.rmse, degrees),
+    ("RPE over 1 s, rotation", lambda one: one.rpe["1 s"].rotation.rmse, degrees),
     ("RPE over 1 m", lambda one: one.rpe["1 m"].translation.rmse, metres),
     ("drift over half the path", lambda one: one.drift_percent, percent),
 )
