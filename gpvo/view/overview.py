@@ -10,7 +10,7 @@ from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 
 from gpvo.evaluation import Evaluation
-from gpvo.evaluation.report.figures import COLOURS, TRUTH_COLOUR, new_figure
+from gpvo.evaluation.report.figures import COLOURS, TRUTH_COLOUR, label_axes, new_figure
 from gpvo.trajectory import Trajectory
 from gpvo.view.keeper import BestPicture
 
@@ -41,16 +41,11 @@ def overview_figure(
         _uncertainty(last, trajectory, t)
     else:
         _errors(last, evaluation, trajectory)
+    for axes in (path, linear, angular, last):
+        axes.margins(x=0.01)
     linear.legend(loc="upper right", ncols=3, frameon=False, fontsize=8)
     last.set_xlabel("time [s]")
     return figure
-
-
-def _style(axes: Axes, ylabel: str) -> None:
-    axes.set_ylabel(ylabel)
-    axes.grid(alpha=0.3, linewidth=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.margins(x=0.01)
 
 
 def _path(axes: Axes, trajectory: Trajectory, evaluation: Evaluation | None) -> None:
@@ -65,8 +60,7 @@ def _path(axes: Axes, trajectory: Trajectory, evaluation: Evaluation | None) -> 
     axes.plot([], [], color=COLOURS[1], linewidth=0.8, label="3 sigma")
     axes.plot(T[0, 0, 3], T[0, 2, 3], "o", color="black", markersize=4)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("right [m]")
-    _style(axes, "forward [m]")
+    label_axes(axes, "right [m]", "forward [m]")
     axes.legend(loc="best", frameon=False, fontsize=8)
 
 
@@ -115,7 +109,7 @@ def _velocity(axes: Axes, trajectory: Trajectory, t: Array, first: int, label: s
     spread = np.ptp(twist[:, first : first + 3])
     low, high = twist[:, first : first + 3].min(), twist[:, first : first + 3].max()
     axes.set_ylim(low - 0.3 * spread - 1e-3, high + 0.3 * spread + 1e-3)
-    _style(axes, label)
+    label_axes(axes, "", label)
 
 
 def _uncertainty(axes: Axes, trajectory: Trajectory, t: Array) -> None:
@@ -123,7 +117,7 @@ def _uncertainty(axes: Axes, trajectory: Trajectory, t: Array) -> None:
     for k, axis in enumerate(AXES):
         axes.plot(t, 1e3 * deviation[:, 3 + k], color=COLOURS[k], linewidth=1.0, label=axis)
     axes.set_ylim(bottom=0)
-    _style(axes, "sigma of position [mm]")
+    label_axes(axes, "", "sigma of position [mm]")
 
 
 def _errors(axes: Axes, evaluation: Evaluation, trajectory: Trajectory) -> None:
@@ -137,4 +131,4 @@ def _errors(axes: Axes, evaluation: Evaluation, trajectory: Trajectory) -> None:
     axes.plot(t, 3e3 * np.sqrt(variance), color=COLOURS[1], linewidth=0.8, label="3 sigma")
     axes.set_ylim(bottom=0)
     axes.legend(loc="upper left", ncols=2, frameon=False, fontsize=8)
-    _style(axes, "position error [mm]")
+    label_axes(axes, "", "position error [mm]")

@@ -18,6 +18,7 @@ from gpvo.recordings import StereoRig
 from gpvo.recordings.bags.rosbag1 import RosBag1
 from gpvo.recordings.checks.time_unit import unit_since_1970
 from gpvo.trajectory import StampedPoses, Trajectory
+from gpvo.trajectory.stamped_poses import rigid_transforms
 from gpvo.trajectory.tum import nanoseconds, parse_tum, text_fields
 
 KITTI_FRAME_NS = 100_000_000
@@ -186,9 +187,7 @@ def _read_kitti(path: Path, rows: list[list[str]]) -> StampedPoses:
         poses = np.array(rows, np.float64).reshape(-1, 3, 4)
     except ValueError as error:
         raise InputError(f"{path}: is not a KITTI file, 12 numbers on every line") from error
-    T_world_cam = np.zeros((len(poses), 4, 4))
-    T_world_cam[:, :3] = poses
-    T_world_cam[:, 3, 3] = 1.0
+    T_world_cam = rigid_transforms(poses[:, :, :3], poses[:, :, 3])
     return StampedPoses.read_from(str(path), _kitti_stamps(path, len(poses)), T_world_cam)
 
 
