@@ -107,6 +107,10 @@ class Recording(ABC):
         the same interval, and batches without events are yielded too, so that gaps are seen.
         """
 
+    def within(self, start: float, stop: float) -> tuple[float, float]:
+        """Return the part of [start, stop) seconds that it lasts; its last event is in it."""
+        return max(start, 0.0), min(stop, float(np.nextafter(self.duration, np.inf)))
+
     def fault_lines(self) -> list[str]:
         """Return one line for each kind of fault in the batches read last."""
         return self.faults.lines()

@@ -11,13 +11,19 @@ from gpvo.recordings.event_queue import EventQueue
 
 LONGEST_SILENCE = 60.0
 """Seconds; a longer time without events, perhaps from a damaged stamp, is one batch."""
+BATCH_LENGTH = 0.1
+"""Duration of batches unless another is asked for, seconds."""
 MOST = 1 << 19
 """Number of a camera's events in a batch, as many as in a reader's block: each batch holds up other
 threads several times, which takes longer than to join parts of two blocks."""
 
 
 def stereo_batches(
-    left: Iterator[Events], right: Iterator[Events], start: float, stop: float, length: float
+    left: Iterator[Events],
+    right: Iterator[Events],
+    start: float,
+    stop: float,
+    length: float = BATCH_LENGTH,
 ) -> Iterator[StereoEvents]:
     """Yield batches of `length` seconds that cover [start, stop), left and right in step.
 

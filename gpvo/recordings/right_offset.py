@@ -18,8 +18,6 @@ log = logging.getLogger("gpvo.recordings")
 
 LOOKED_AT = 20.0
 """Seconds from the start of which the offset is found."""
-LENGTH = 0.1
-"""Duration of batches, seconds."""
 
 
 class ShiftedRecording(Recording):
@@ -32,9 +30,9 @@ class ShiftedRecording(Recording):
         self.notes, self.faults = recording.notes, recording.faults
 
     def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
-        start, stop = max(start, 0.0), min(stop, float(np.nextafter(self.duration, np.inf)))
+        start, stop = self.within(start, stop)
         left = (batch.left for batch in self.recording.event_batches(start, stop))
-        yield from stereo_batches(left, self._right(start, stop), start, stop, LENGTH)
+        yield from stereo_batches(left, self._right(start, stop), start, stop)
 
     def _right(self, start: float, stop: float) -> Iterator[Events]:
         for batch in self.recording.event_batches(start + self.late, stop + self.late):

@@ -16,7 +16,7 @@ from gpvo.recordings.calibration.rig import Camera, StereoRig
 from gpvo.recordings.checks.clocks import common_clock
 from gpvo.recordings.checks.sensor_size import check_resolution
 from gpvo.recordings.checks.time_order import in_order
-from gpvo.recordings.event_batches import stereo_batches
+from gpvo.recordings.event_batches import BATCH_LENGTH, stereo_batches
 from gpvo.recordings.reading_faults import ReadingFaults
 from gpvo.recordings.streams import EventBlock, EventStream, Faults
 
@@ -71,7 +71,7 @@ class StreamRecording(Recording):
         rig: StereoRig,
         *streams: EventStream,
         sides: Sequence[str] = SIDES,
-        batch_length: float = 0.1,
+        batch_length: float = BATCH_LENGTH,
     ) -> None:
         self.path, self.format_name, self.rig = path, format_name, rig
         self.streams = dict(zip(sides, streams, strict=False))
@@ -79,7 +79,9 @@ class StreamRecording(Recording):
         self.batch_length = batch_length
         self.faults = ReadingFaults({side: one.where for side, one in self.streams.items()})
         for side, stream in self.streams.items():
-            check_resolution(stream.resolution, self._camera(side).resolution, f"{stream.where}:")
+            check_resolution(
+                stream.resolution, self.rig.camera(side).resolution, f"{stream.where}:"
+            )
         unreadable = dict.fromkeys(note for stream in streams for note in stream.notes)
         spans, clock_notes = self._aligned(streams)
         self.notes = [*unreadable, *clock_notes]
@@ -100,22 +102,18 @@ class StreamRecording(Recording):
         return moved, [*notes, *check_spans(self.path, *moved)]
 
     def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
-        start = max(start, 0.0)
-        stop = min(stop, float(np.nextafter(self.duration, np.inf)))
+        start, stop = self.within(start, stop)
         self.faults.clear()
         left, right = self._events("left", start), self._events("right", start)
         for batch in stereo_batches(left, right, start, stop, self.batch_length):
             self.faults.say_new(batch.stop)
             yield batch
 
-    def _camera(self, side: str) -> Camera:
-        return self.rig.left if side == "left" else self.rig.right
-
     def _events(self, side: str, start: float) -> Iterator[Events]:
         """Yield one camera's checked events from `start` on, in seconds since the start."""
         if side not in self.streams:
             return
-        camera = self._camera(side)
+        camera = self.rig.camera(side)
         stream, faults = self.streams[side], self.faults[side]
         origin_ns = self.start_ns - self._shifts_ns[side]
         start_ns = origin_ns + int(np.ceil(start * 1e9))

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gpvo.config import StageConfig
+from gpvo.config.stages.stage import LARGEST_SIDE
 from gpvo.recordings import Camera, StereoRig
 from gpvo.simulation.motion import SPEEDS, MotionName
 
-Size = Annotated[int, Field(ge=1, le=65535)]
+Size = Annotated[int, Field(ge=1, le=LARGEST_SIDE)]
 """A width or height, pixels; columns and rows are uint16."""
 
 

@@ -28,8 +28,6 @@ START_NS = 1_000_000_000_000
 GROUND_TRUTH_RATE = 200
 """Number of poses per second."""
 
-_BATCH = 0.1
-
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRecording(Recording):
@@ -58,9 +56,9 @@ class SimulatedRecording(Recording):
     scene: Scene
 
     def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
-        start, stop = max(start, 0.0), min(stop, float(np.nextafter(self.duration, np.inf)))
+        start, stop = self.within(start, stop)
         left, right = (iter([side.between(start, stop)]) for side in (self.left, self.right))
-        return stereo_batches(left, right, start, stop, _BATCH)
+        return stereo_batches(left, right, start, stop)
 
     def write_mvsec(self, folder: Path) -> None:
         """Write NAME_data.hdf5, NAME_gt.hdf5, NAME_scene.npz and camchain-NAME.yaml.

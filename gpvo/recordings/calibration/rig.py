@@ -92,6 +92,10 @@ class StereoRig:
     principal_point: tuple[float, float]
     baseline: float
 
+    def camera(self, side: str) -> Camera:
+        """Return the left or the right camera."""
+        return self.left if side == "left" else self.right
+
     @property
     def resolution(self) -> tuple[int, int]:
         """(width, height) of the rectified images, the left camera's own."""

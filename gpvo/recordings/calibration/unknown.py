@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from gpvo.recordings.calibration.fields import LARGEST_SIDE
 from gpvo.recordings.calibration.rig import Camera, StereoRig
 
-LARGEST = (65535, 65535)
+LARGEST = (LARGEST_SIDE, LARGEST_SIDE)
 """Largest resolution of uint16 pixels; 65535 marks an invalid pixel."""
 
 _CAMERA = Camera(LARGEST, np.array([1.0, 1.0, 0.0, 0.0]), "none", np.zeros(4), np.eye(3))

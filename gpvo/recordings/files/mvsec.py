@@ -25,7 +25,7 @@ from gpvo.recordings.checks.time_order import (
     LONGEST_GAP_NS,
     SORTED,
 )
-from gpvo.recordings.event_batches import stereo_batches
+from gpvo.recordings.event_batches import BATCH_LENGTH, stereo_batches
 from gpvo.recordings.files.mvsec_chunks import EventChunks
 from gpvo.recordings.hdf5 import Column, H5Error, holds, open_hdf5
 from gpvo.recordings.pairing import OneCameraError
@@ -84,7 +84,7 @@ class MvsecRecording(Recording):
         path: Path,
         calibration: Calibration,
         tables: Mapping[str, str] = TABLES,
-        batch_length: float = 0.1,
+        batch_length: float = BATCH_LENGTH,
     ) -> None:
         self.path = path
         self.rig = rig_for(path, calibration, "MVSEC's HDF5")
@@ -99,8 +99,7 @@ class MvsecRecording(Recording):
         self.duration = max(last for _, last in spans) - self._start
 
     def event_batches(self, start: float = 0.0, stop: float = np.inf) -> Iterator[StereoEvents]:
-        start = max(start, 0.0)
-        stop = min(stop, float(np.nextafter(self.duration, np.inf)))
+        start, stop = self.within(start, stop)
         self.faults.clear()
         with open_hdf5(self.path) as file:
             left, right = (
@@ -114,8 +113,7 @@ class MvsecRecording(Recording):
                 yield batch
 
     def _table(self, file: h5py.File, side: str) -> _EventTable:
-        camera = self.rig.left if side == "left" else self.rig.right
-        return _EventTable.open(file, self._tables[side], camera.resolution)
+        return _EventTable.open(file, self._tables[side], self.rig.camera(side).resolution)
 
 
 @dataclass(frozen=True)
