@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -73,21 +75,9 @@ class InterpolatedFactor(Factor):
         states = as_state("state_i", state_i), as_state("state_j", state_j)
         t = checked_time_between(t, *states)
         held = inner_of(inner)
-        pose, velocity = (
-            None if key is None else checked_key(role, key)
-            for role, key in (("pose", pose), ("velocity", velocity))
-        )
-        if pose is None:
-            of_states = {key for state in states for key in state[:2]}
-            first = next((key for key in held.keys if key not in of_states), held.keys[0])
-            pose = None if first == velocity else first
-        if pose is not None and pose == velocity:
-            raise ValueError("pose and velocity must be different keys of the inner factor")
-        for role, key in (("pose", pose), ("velocity", velocity)):
-            if key is not None and key not in held.keys:
-                raise ValueError(f"{role} must be a key of the inner factor, not {key}")
         variables = variables_of(*states)
         own = checked_keys(variables)
+        pose, velocity = _keys_at_t(held.keys, own, pose, velocity)
         others = [key for key in held.keys if key not in (pose, velocity, *own)]
         variables += [Variable("of inner", key, ANY) for key in others]
         noise = None if qc is None else NoiseBetween(held.model, whitening(qc))
@@ -109,3 +99,22 @@ class InterpolatedFactor(Factor):
             "qc": None if qc is None else np.array(qc, np.float64),
         }
         super().__init__(held.model if noise is None else noise.model, variables, error, made_of)
+
+
+def _keys_at_t(
+    keys: Sequence[int], of_states: Sequence[int], pose: int | None, velocity: int | None
+) -> tuple[int | None, int | None]:
+    """Return which of the inner factor's keys stand for the pose and for the twist at t."""
+    pose, velocity = (
+        None if key is None else checked_key(role, key)
+        for role, key in (("pose", pose), ("velocity", velocity))
+    )
+    if pose is None:
+        first = next((key for key in keys if key not in of_states), keys[0])
+        pose = None if first == velocity else first
+    if pose is not None and pose == velocity:
+        raise ValueError("pose and velocity must be different keys of the inner factor")
+    for role, key in (("pose", pose), ("velocity", velocity)):
+        if key is not None and key not in keys:
+            raise ValueError(f"{role} must be a key of the inner factor, not {key}")
+    return pose, velocity
