@@ -98,9 +98,10 @@ class EuclideanVelocityFactor(Factor):
             "model": model,
             "velocity": velocity,
             "point": start,
+            "dt": dt,
+            "T_body_cam": mounted,
         }
-        variables = [Variable("velocity", velocity, TWIST)]
-        super().__init__(model, variables, error, {**made_of, "dt": dt, "T_body_cam": mounted})
+        super().__init__(model, [Variable("velocity", velocity, TWIST)], error, made_of)
 
 
 @kernel
@@ -190,7 +191,9 @@ class ReprojectionVelocityFactor(Factor):
             "measured": measurement,
             "model": noise,
             "velocity": velocity,
+            "point": start,
+            "dt": dt,
+            "camera": camera,
+            "T_body_cam": mounted,
         }
-        variables = [Variable("velocity", velocity, TWIST)]
-        arguments = {**made_of, "point": start, "dt": dt, "camera": camera, "T_body_cam": mounted}
-        super().__init__(noise, variables, error, arguments)
+        super().__init__(noise, [Variable("velocity", velocity, TWIST)], error, made_of)

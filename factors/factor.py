@@ -210,9 +210,8 @@ def _text(value: object) -> str:
     if isinstance(value, np.ndarray):
         text = np.array2string(value, precision=6, threshold=12, max_line_width=10**6)
         return text.replace("\n", "")
-    if isinstance(value, tuple) and isinstance(
-        value[-1], float
-    ):  # a state, whose keys are printed before
+    # A state, whose keys are printed before.
+    if isinstance(value, tuple) and isinstance(value[-1], float):
         return f"{value[-1]:.6f} s"
     if isinstance(value, list):
         return f"[{', '.join(map(_text, value))}]"

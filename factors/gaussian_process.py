@@ -186,8 +186,7 @@ class GaussianProcess:
         covariance = None
         if with_covariance:
             joint = self._joints(self._border(t))
-            own = np.where(after[:, None, None], joint[:, 12:, 12:], joint[:, :12, :12])
-            covariance = own
+            covariance = np.where(after[:, None, None], joint[:, 12:, 12:], joint[:, :12, :12])
         dt = t - self.times[of_end]
         return extrapolate(self._T[of_end], self._v[of_end], dt, self._qc, covariance)
 

@@ -78,12 +78,15 @@ class GyroFactor(Factor):
             turned: Array = by_velocity @ values.atVector6(velocity)
             return turned + values.atConstantBias(bias).gyroscope() - rate
 
-        variables = [
-            Variable("velocity", velocity, TWIST),
-            Variable("bias", bias, BIAS),
-        ]
-        made_of = {"measured": rate, "model": model, "velocity": velocity, "bias": bias}
-        super().__init__(model, variables, error, {**made_of, "T_body_imu": T})
+        variables = [Variable("velocity", velocity, TWIST), Variable("bias", bias, BIAS)]
+        made_of = {
+            "measured": rate,
+            "model": model,
+            "velocity": velocity,
+            "bias": bias,
+            "T_body_imu": T,
+        }
+        super().__init__(model, variables, error, made_of)
 
 
 class ImuFactor(Factor):
@@ -154,10 +157,14 @@ class ImuFactor(Factor):
             return own.error
 
         variables = [*variables_of(*states), Variable("bias", bias, BIAS)]
-        # A copy: the caller may reset his, and integrate on.
-        preintegrated = native.preintegratedMeasurements()
-        made_of = {"preintegrated": preintegrated, "state_i": states[0], "state_j": states[1]}
-        super().__init__(native.noiseModel(), variables, error, {**made_of, "bias": bias})
+        made_of = {
+            # A copy: the caller may reset his, and integrate on.
+            "preintegrated": native.preintegratedMeasurements(),
+            "state_i": states[0],
+            "state_j": states[1],
+            "bias": bias,
+        }
+        super().__init__(native.noiseModel(), variables, error, made_of)
 
 
 def _constants(preintegrated: gtsam.PreintegratedImuMeasurements) -> Array:

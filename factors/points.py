@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,9 +113,14 @@ class PointToPointFactor(Factor):
         else:
             goal = checked_vector("target", target, 3)
             error = PointError(pose, in_body, np.eye(3), goal)
-        made_of: dict[str, Any] = {"measured": point, "target": goal, "model": model}
-        arguments = {**made_of, "pose": pose, "T_body_sensor": T_mount}
-        super().__init__(model, variables, error, arguments)
+        made_of = {
+            "measured": point,
+            "target": goal,
+            "model": model,
+            "pose": pose,
+            "T_body_sensor": T_mount,
+        }
+        super().__init__(model, variables, error, made_of)
 
 
 class PointToPlaneFactor(Factor):
@@ -163,6 +166,12 @@ class PointToPlaneFactor(Factor):
         if abs(np.linalg.norm(n) - 1) > 1e-6:
             raise ValueError(f"normal must have length 1, not {np.linalg.norm(n)}")
         error = PointError(pose, in_body, n[None], np.array([distance]))
-        made_of: dict[str, Any] = {"measured": point, "normal": n, "distance": distance}
-        arguments = {**made_of, "model": model, "pose": pose, "T_body_sensor": T_mount}
-        super().__init__(model, [Variable("pose", pose, POSE3)], error, arguments)
+        made_of = {
+            "measured": point,
+            "normal": n,
+            "distance": distance,
+            "model": model,
+            "pose": pose,
+            "T_body_sensor": T_mount,
+        }
+        super().__init__(model, [Variable("pose", pose, POSE3)], error, made_of)

@@ -197,9 +197,8 @@ def stereo_measurements(
     return checked_numbers("measured", measured), model
 
 
-@lru_cache(
-    maxsize=256
-)  # factors share their noise models, and making one takes longer than a factor
+# Factors share their noise models, and making one takes longer than a factor.
+@lru_cache(maxsize=256)
 def _mixed_noise(model: gtsam.noiseModel.Base, to_gtsam: bool) -> gtsam.noiseModel.Base:
     """Return the noise of GTSAM's measurement from that of ours, or the other way round."""
     if isinstance(model, gtsam.noiseModel.Robust):
