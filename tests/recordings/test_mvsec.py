@@ -15,7 +15,7 @@ from recording_files import camchain, event_rows, write_mvsec
 from gpvo.errors import InputError
 from gpvo.recordings import Events, Recording, event_batches, open_recording
 from gpvo.recordings.event_batches import stereo_batches
-from gpvo.recordings.files import mvsec
+from gpvo.recordings.files import mvsec_table
 from gpvo.recordings.files.mvsec import MvsecRecording
 
 COLUMNS = ("x", "y", "t", "polarity")
@@ -68,8 +68,8 @@ def test_batches_hold_every_event_once(
 ) -> None:
     recording = MvsecRecording(*files, batch_length=length)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mvsec, "BLOCK_ROWS", block)
-        patch.setattr(mvsec, "CACHED_ROWS", most)
+        patch.setattr(mvsec_table, "BLOCK_ROWS", block)
+        patch.setattr(mvsec_table, "CACHED_ROWS", most)
         patch.setattr(event_batches, "MOST", most)
         batches = list(recording.event_batches(start, stop))
     for side, table in zip(("left", "right"), rows, strict=True):
@@ -162,15 +162,15 @@ def test_storage_and_zero_one_polarity(tmp_path: Path, calibration: Path, option
 def test_only_blocks_of_the_interval_are_read(
     files: tuple, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mvsec, "BLOCK_ROWS", 10)
-    read = mvsec.Column.rows
+    monkeypatch.setattr(mvsec_table, "BLOCK_ROWS", 10)
+    read = mvsec_table.Column.rows
     rows_read = []
 
     def counted(column, first_row, stop_row):  # type: ignore[no-untyped-def]
         rows_read.append(stop_row - first_row)
         return read(column, first_row, stop_row)
 
-    monkeypatch.setattr(mvsec.Column, "rows", counted)
+    monkeypatch.setattr(mvsec_table.Column, "rows", counted)
     recording = MvsecRecording(*files, batch_length=0.01)
     rows_read.clear()
     next(recording.event_batches(0.3))
