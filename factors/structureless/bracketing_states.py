@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.mounting import camera_by_body
-from factors.structureless.landmark_kernels import poses_between_kernel
+from factors.structureless.states_between_kernels import poses_between_kernel
 from factors.variables import Variable, variables_at
 
 

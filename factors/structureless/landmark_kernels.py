@@ -11,14 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from factors.kernels.compiled import bare_kernel, inner_kernel, kernel
-from factors.kernels.local_variables import (
-    local_state_kernel,
-    write_hermite_weights,
-    write_interpolated_local,
-)
-from factors.kernels.matrices import copy_vector_kernel
-from factors.kernels.se3 import Array, compose_exp_kernel
+from factors.kernels.compiled import bare_kernel, kernel
+from factors.kernels.se3 import Array
 from factors.structureless.robust_losses import loss_kernel
 
 Index = NDArray[np.int64]
@@ -28,36 +22,6 @@ Known = tuple[Array, Array, Array, Array]
 
 # Squared distance to the optimum in standard deviations, of one and the cost, of the last step.
 _CONVERGED = 1e-12
-
-
-@inner_kernel
-def next_states_kernel(T_states: Array, v_states: Array) -> Array:
-    """Compute the local variables (n - 1, 12) of each of n states around the one before it."""
-    local_j = np.empty((len(T_states) - 1, 12))
-    for i in range(len(local_j)):
-        next_local = local_state_kernel(T_states[i], T_states[i + 1], v_states[i + 1])
-        copy_vector_kernel(next_local, local_j[i])
-    return local_j
-
-
-@kernel
-def poses_between_kernel(
-    T_states: Array, v_states: Array, first: Index, a: Array, b: Array, count: int
-) -> Array:
-    """Compute poses (n, 4, 4) at a (n,) seconds after the state `first` (n,), b before the next.
-
-    Those beyond the first `count` states are left zero.
-    """
-    local_j = next_states_kernel(T_states, v_states)
-    share, local = np.empty((2, 2, 2)), np.empty(12)
-    T = np.zeros((len(a), 4, 4))
-    for n in range(len(a)):
-        i = first[n]
-        if i + 1 < count:
-            write_hermite_weights(a[n], b[n], share)
-            write_interpolated_local(v_states[i], local_j[i], share, local)
-            compose_exp_kernel(T_states[i], local, T[n])
-    return T
 
 
 @kernel

@@ -4,27 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from factors.kernels.between import interpolated_jacobian_kernel, state_by_local_kernel
 from factors.kernels.compiled import kernel
 from factors.kernels.local_variables import (
-    backward_adjoint_kernel,
     chain_rule_kernel,
-    hermite_weights,
-    interpolated_local_kernel,
     local_jacobian_kernel,
-    local_state_kernel,
-    retract_kernel,
     write_hermite_weights,
     write_interpolated_local,
 )
 from factors.kernels.matrices import copy_kernel
 from factors.kernels.se3 import Array
-from factors.structureless.landmark_kernels import (
-    Index,
-    landmark_rows_kernel,
-    next_states_kernel,
-    pose_rows_kernel,
-)
+from factors.structureless.landmark_kernels import Index, landmark_rows_kernel, pose_rows_kernel
+from factors.structureless.states_between_kernels import next_states_kernel
 
 
 @kernel
@@ -180,55 +170,3 @@ def solve_kernel(root: Array, known: Array, x: Array) -> None:
             for j in range(i + 1, 3):
                 x[k, i] -= root[k, i, j] * x[k, j]
             x[k, i] = x[k, i] / root[k, i, i] if known[k] > 0 else 0.0
-
-
-@kernel
-def states_between_kernel(
-    T_states: Array,
-    v_states: Array,
-    first: Index,
-    a: Array,
-    b: Array,
-    deviation: Array,
-    T: Array,
-    v: Array,
-) -> None:
-    """Write poses (n, 4, 4) and twists (n, 6) at a (n,) seconds after the state first (n,).
-
-    The next state is b (n,) seconds later. They deviate by (n, 12) in local variables around the
-    first state from the interpolation.
-    """
-    local_j = next_states_kernel(T_states, v_states)
-    share, local = np.empty((2, 2, 2)), np.empty(12)
-    for n in range(len(a)):
-        i = first[n]
-        write_hermite_weights(a[n], b[n], share)
-        write_interpolated_local(v_states[i], local_j[i], share, local)
-        for m in range(12):
-            local[m] += deviation[n, m]
-        retract_kernel(T_states[i], local, T[n], v[n])
-
-
-@kernel
-def state_rows_kernel(
-    T_i: Array, v_i: Array, T_j: Array, v_j: Array, a: Array, b: Array, deviation: Array
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Poses (n, 4, 4) and twists (n, 6) at times a (n,) after state i and b before state j.
-
-    They deviate by (n, 12) in local variables from the interpolation. Also the derivatives of the
-    pose, perturbed on the right, and of the twist: by the local variables (n, 12, 12) and by the
-    pose i with these fixed (n, 6, 6); and those of the local variables by both states (n, 12, 24).
-    """
-    count = len(a)
-    T, v, by_local = np.zeros((count, 4, 4)), np.zeros((count, 6)), np.zeros((count, 12, 12))
-    by_pose_i, by_states = np.zeros((count, 6, 6)), np.zeros((count, 12, 24))
-    local_j = local_state_kernel(T_i, T_j, v_j)
-    by_states_j = local_jacobian_kernel(local_j, v_j)
-    for n in range(count):
-        share = hermite_weights(a[n], b[n])
-        local = interpolated_local_kernel(v_i, local_j, share) + deviation[n]
-        retract_kernel(T_i, local, T[n], v[n])
-        copy_kernel(state_by_local_kernel(local), by_local[n])
-        copy_kernel(backward_adjoint_kernel(local), by_pose_i[n])
-        copy_kernel(interpolated_jacobian_kernel(by_states_j, share), by_states[n])
-    return T, v, by_local, by_pose_i, by_states

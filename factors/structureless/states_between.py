@@ -12,7 +12,7 @@ from factors.checks import checked_array
 from factors.kernels.se3 import Array
 from factors.structureless.bridge import Bridge
 from factors.structureless.joint_system import JointSystem
-from factors.structureless.row_kernels import state_rows_kernel, states_between_kernel
+from factors.structureless.states_between_kernels import state_rows_kernel, states_between_kernel
 
 Index = NDArray[np.int64]
 

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from factors.structureless.row_kernels import state_rows_kernel
+from factors.structureless.states_between_kernels import state_rows_kernel
 
 
 class CompileBeside:
