@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from factors import StereoCamera
 from factors.lie import se3_adjoint, se3_inverse
+from gpvo.config.stages import NoiseConfig
+from gpvo.estimator.known_landmarks import track_drift
+from gpvo.estimator.landmark_looks import REVERSED
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.mc_ransac.moved_points import moved_points
 from gpvo.tracking.measurements import Measurements
@@ -53,11 +56,11 @@ class KnownPlace:
     seen_from: PoseInWorld
 
     def pose(
-        self, camera: StereoCamera, new: Measurements, velocity: VelocityFit, variance: Array
+        self, camera: StereoCamera, noise: NoiseConfig, new: Measurements, velocity: VelocityFit
     ) -> PoseInWorld | None:
         """Find the pose at the first of new measurements; None if too few are of known landmarks.
 
-        What is measured of a landmark has the variance (3,), pixel^2.
+        Their tracks may go on elsewhere on them: they are taken to look as different as can be.
         """
         t, twist = new.t.min(), velocity.velocity
         _, i, j = np.intersect1d(self.number, new.landmark, return_indices=True)
@@ -67,6 +70,8 @@ class KnownPlace:
         if T is None:
             return None
         _, jacobian = jacobian_of_pose(camera, T, known[agreeing(camera, T, known, measured)])
+        moved = track_drift(noise, np.array([REVERSED]))[0]
+        variance = moved**2 + 1 / np.array(noise.measurement_information)
         information = np.einsum("nri,r,nrj->ij", jacobian, 1 / variance, jacobian)
         around = self.seen_from.carried_to(T[None])[0]
         return PoseInWorld(T, around + np.linalg.inv(information))

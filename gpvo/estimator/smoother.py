@@ -20,10 +20,8 @@ from gpvo.estimator.gate import predicted_covariance, within_gate
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate, graph_of
 from gpvo.estimator.initialization import InitialState, velocity_ahead
-from gpvo.estimator.known_landmarks import track_drift
 from gpvo.estimator.known_place import KnownPlace, PoseInWorld
 from gpvo.estimator.lag_window import LagWindow, Leaving
-from gpvo.estimator.landmark_looks import REVERSED
 from gpvo.estimator.learned_noise import LearnedNoise
 from gpvo.estimator.own_factors import OwnFactors, Waiting
 from gpvo.estimator.segments import Segments
@@ -298,10 +296,7 @@ class FixedLagSmoother:
         """Find the pose at the first measurement by landmarks that were known before."""
         if self._place is None or velocity is None:
             return None
-        noise = self._build.noise
-        moved = track_drift(noise, np.array([REVERSED]))[0]
-        variance = moved**2 + 1 / np.array(noise.measurement_information)
-        return self._place.pose(self._build.camera, new, velocity, variance)
+        return self._place.pose(self._build.camera, self._build.noise, new, velocity)
 
     def _keep_place(self, count: int) -> None:
         """Keep the landmarks as they are known when their measurements cease."""
