@@ -126,16 +126,7 @@ class ImuFactor(Factor):
     ) -> None:
         states = as_state("state_i", state_i), as_state("state_j", state_j)
         bias = checked_key("bias", bias)
-        if not isinstance(preintegrated, gtsam.PreintegratedImuMeasurements):
-            kind = type(preintegrated).__name__
-            raise ValueError(f"preintegrated must be PreintegratedImuMeasurements, not {kind}")
-        duration = states[1][2] - states[0][2]
-        if not abs(preintegrated.deltaTij() - duration) <= 1e-6 + 1e-9 * abs(duration):
-            raise ValueError(
-                f"preintegrated must last from state_i to state_j, {duration} s, not "
-                f"{preintegrated.deltaTij()} s"
-            )
-        checked_duration(duration, "the time from state_i to state_j")
+        _check_duration(preintegrated, states[1][2] - states[0][2])
         native = gtsam.ImuFactor(0, 1, 2, 3, 4, preintegrated)
         constants = _constants(preintegrated)
         _check_error(native, constants)
@@ -165,6 +156,19 @@ class ImuFactor(Factor):
             "bias": bias,
         }
         super().__init__(native.noiseModel(), variables, error, made_of)
+
+
+def _check_duration(preintegrated: object, duration: float) -> None:
+    """Check that these are measurements, and last as long as from state i to state j, seconds."""
+    if not isinstance(preintegrated, gtsam.PreintegratedImuMeasurements):
+        kind = type(preintegrated).__name__
+        raise ValueError(f"preintegrated must be PreintegratedImuMeasurements, not {kind}")
+    measured = preintegrated.deltaTij()
+    if not abs(measured - duration) <= 1e-6 + 1e-9 * abs(duration):
+        raise ValueError(
+            f"preintegrated must last from state_i to state_j, {duration} s, not {measured} s"
+        )
+    checked_duration(duration, "the time from state_i to state_j")
 
 
 def _constants(preintegrated: gtsam.PreintegratedImuMeasurements) -> Array:

@@ -153,11 +153,7 @@ class FrontEnd:
             inliers = np.zeros(len(later), bool) if estimate is None else estimate.inliers
             self._tracklets.reject(later.landmark[~inliers])
             measurements = self._tracklets.take(later.landmark[inliers])
-        if estimate is not None:
-            self._acceleration.follow(cluster.stop, estimate.velocity, later.stereo[:, 2])
-        if self._motion is not None:
-            self._motion.velocity = trusted_velocity(estimate, self._latest, cluster.middle)
-        self._image_speed = self._tracklets.image_speed()
+        self._learn_motion(cluster, later, estimate)
         self._inliers = int(inliers.sum())
         return TrackedCluster(
             observations,
@@ -180,6 +176,16 @@ class FrontEnd:
         if known is not None and estimate is not None:
             known.judge(later.landmark, estimate.inliers)
         return estimate
+
+    def _learn_motion(
+        self, cluster: StereoCluster, later: Measurements, estimate: VelocityFit | None
+    ) -> None:
+        """Learn what the next cluster's length and tracks depend on: how fast images move."""
+        if estimate is not None:
+            self._acceleration.follow(cluster.stop, estimate.velocity, later.stereo[:, 2])
+        if self._motion is not None:
+            self._motion.velocity = trusted_velocity(estimate, self._latest, cluster.middle)
+        self._image_speed = self._tracklets.image_speed()
 
     def _tracked_motion(self) -> ImageMotion:
         """Return the motion of the features in tracked pixels.

@@ -99,16 +99,21 @@ class _Messages:
 
     def pose(self, stamp_ns: int, T: Array, twist: Array, covariance: Array) -> None:
         """Write the pose and the velocity at one time."""
+        self._add("/gpvo/odometry", stamp_ns, self._odometry(stamp_ns, T, twist, covariance))
+        self._add("/gpvo/pose", stamp_ns, self._stamped(stamp_ns, T))
+        transforms = [self._transform(stamp_ns, T)]
+        self._add("/tf", stamp_ns, self._make("tf2_msgs/msg/TFMessage", transforms=transforms))
+
+    def _odometry(self, stamp_ns: int, T: Array, twist: Array, covariance: Array) -> Any:
         order = np.concatenate([ROS_ORDER, 6 + ROS_ORDER])
         ros = covariance[np.ix_(order, order)]
-        pose, header = self._pose(T), self._header(stamp_ns)
-        odometry = self._make(
+        return self._make(
             "nav_msgs/msg/Odometry",
-            header=header,
+            header=self._header(stamp_ns),
             child_frame_id=CAMERA,
             pose=self._make(
                 "geometry_msgs/msg/PoseWithCovariance",
-                pose=pose,
+                pose=self._pose(T),
                 covariance=ros[:6, :6].ravel(),
             ),
             twist=self._make(
@@ -121,19 +126,18 @@ class _Messages:
                 covariance=ros[6:, 6:].ravel(),
             ),
         )
-        self._add("/gpvo/odometry", stamp_ns, odometry)
-        self._add("/gpvo/pose", stamp_ns, self._stamped(stamp_ns, T))
-        transform = self._make(
+
+    def _transform(self, stamp_ns: int, T: Array) -> Any:
+        return self._make(
             "geometry_msgs/msg/TransformStamped",
-            header=header,
+            header=self._header(stamp_ns),
             child_frame_id=CAMERA,
             transform=self._make(
                 "geometry_msgs/msg/Transform",
                 translation=self._vector(T[:3, 3]),
-                rotation=pose.orientation,
+                rotation=self._pose(T).orientation,
             ),
         )
-        self._add("/tf", stamp_ns, self._make("tf2_msgs/msg/TFMessage", transforms=[transform]))
 
     def path(self, stamps_ns: list[int], T: Array) -> None:
         """Write the path up to its last pose."""
