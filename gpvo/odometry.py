@@ -145,7 +145,7 @@ class Odometry:
     def _reports(self, clusters: Iterator[StereoCluster]) -> Iterator[ClusterReport]:
         """Process clusters; the next one is tracked while the motion during one is estimated."""
         with one_blas_thread(), quick_switches():
-            for cluster in self._staged("events and clustering", clusters):
+            for cluster in self._staged(clusters):
                 tracked = self._front_end.process(cluster)
                 self.tracked_until = cluster.stop
                 report = ClusterReport.of(cluster, tracked)
@@ -241,10 +241,10 @@ class Odometry:
         """The trajectory so far; None before the first measurement."""
         return self.estimator.trajectory(start_ns)
 
-    def _staged(self, name: str, clusters: Iterator[StereoCluster]) -> Iterator[StereoCluster]:
-        """The same clusters, each made within a stage."""
+    def _staged(self, clusters: Iterator[StereoCluster]) -> Iterator[StereoCluster]:
+        """The same clusters, each made within their stage."""
         while True:
-            with self._stage(name):
+            with self._stage("events and clustering"):
                 cluster = next(clusters, None)
             if cluster is None:
                 return

@@ -130,22 +130,7 @@ class Result:
             "inlier tracklets per cluster": f"{run['median_inliers']:.0f} (median)",
             "states": f"{run['states']} from {run['start_s']:.3f} to {run['stop_s']:.3f} s",
         }
-        if run["between_clusters_left_out_percent"] > 0:
-            rows["between clusters"] = (
-                f"{run['between_clusters_left_out_percent']:.0f} % of the events left out"
-            )
-        if run["thinned_percent"] > 0:
-            rows["dense clusters"] = f"{run['thinned_percent']:.0f} % of the events left out"
-        if run["background_left_out_percent"] + run["hot_pixels_left_out_percent"] > 0:
-            rows["noise left out"] = (
-                f"{run['background_left_out_percent']:.1f} % background activity"
-                f" ({run['background_activity']:.2f} events per pixel and s),"
-                f" {run['hot_pixels_left_out_percent']:.1f} % of hot pixels"
-            )
-        if run["flashes"] > 0:
-            rows["flashes left out"] = f"{run['flashes']}, {run['flashes_s']:.3f} s"
-        if run["at_rest_s"] > 0:
-            rows["at rest"] = f"{run['at_rest_s']:.2f} s"
+        rows |= _left_out_rows(run)
         rows["verdict"] = "; ".join([self.verdict.word, *self.verdict.reasons])
         if self.diagnostics:
             rows["left out or rebuilt"] = f"{len(self.diagnostics)}, listed in metrics.json"
@@ -189,6 +174,28 @@ class Result:
             )
             save_figure(figure, folder / f"error.{kind}")
         save_figure(path, folder / f"path.{kind}")
+
+
+def _left_out_rows(run: dict[str, Any]) -> dict[str, str]:
+    """Return rows of what was left out of a run, as far as anything was."""
+    rows = {}
+    if run["between_clusters_left_out_percent"] > 0:
+        rows["between clusters"] = (
+            f"{run['between_clusters_left_out_percent']:.0f} % of the events left out"
+        )
+    if run["thinned_percent"] > 0:
+        rows["dense clusters"] = f"{run['thinned_percent']:.0f} % of the events left out"
+    if run["background_left_out_percent"] + run["hot_pixels_left_out_percent"] > 0:
+        rows["noise left out"] = (
+            f"{run['background_left_out_percent']:.1f} % background activity"
+            f" ({run['background_activity']:.2f} events per pixel and s),"
+            f" {run['hot_pixels_left_out_percent']:.1f} % of hot pixels"
+        )
+    if run["flashes"] > 0:
+        rows["flashes left out"] = f"{run['flashes']}, {run['flashes_s']:.3f} s"
+    if run["at_rest_s"] > 0:
+        rows["at rest"] = f"{run['at_rest_s']:.2f} s"
+    return rows
 
 
 def saved(folder: Path) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -144,7 +144,7 @@ def open_cameras(
         return open_cameras(inside[0], calibration, left_topic, right_topic)
     if path.is_dir():
         two_files.tell_unreadable(path)
-    raise InputError(_unknown(path, FORMATS))
+    raise InputError(_unknown(path))
 
 
 def _recordings_in(folder: Path) -> list[Path]:
@@ -157,8 +157,8 @@ def _recordings_in(folder: Path) -> list[Path]:
     return [file for file in files if any(one.recognise(file) for one in FORMATS)]
 
 
-def _unknown(path: Path, formats: Sequence[Format]) -> str:
-    known = "; ".join(candidate.name for candidate in formats)
+def _unknown(path: Path) -> str:
+    known = "; ".join(candidate.name for candidate in FORMATS)
     if path.is_file() and path.suffix.lower() in two_files.TEXT.suffixes:
         return f"{path}: its columns are not t, x, y and polarity; if they are, {REMEDY}"
     kind = "file" if path.is_file() else "folder: it is not a file, and none in it"
