@@ -57,9 +57,7 @@ class MvsecWriter(RecordingWriter):
         for table, block in zip(self._tables, blocks, strict=True):
             polarity = np.where(block.polarity, 1.0, -1.0)
             seconds = microseconds(block.t_ns) / 1e6
-            rows = len(table)
-            table.resize(rows + len(block), axis=0)
-            table[rows:] = np.column_stack([block.x, block.y, seconds, polarity])
+            _extend(table, np.column_stack([block.x, block.y, seconds, polarity]))
         self._hdf5.check()
 
     def close(self) -> None:
@@ -126,7 +124,7 @@ class _DsecFile:
         self._hdf5.close()
 
 
-def _extend(column: h5py.Dataset, values: NDArray) -> None:
-    rows = len(column)
-    column.resize(rows + len(values), axis=0)
-    column[rows:] = values
+def _extend(dataset: h5py.Dataset, values: NDArray) -> None:
+    rows = len(dataset)
+    dataset.resize(rows + len(values), axis=0)
+    dataset[rows:] = values
