@@ -18,7 +18,7 @@ from gpvo.trajectory.states import States
 Array = NDArray[np.float64]
 
 
-class Segments:
+class SegmentKnots:
     """The knots of earlier segments, and how uncertain the present one's first pose is."""
 
     def __init__(self) -> None:

@@ -24,7 +24,7 @@ from gpvo.estimator.known_place import KnownPlace, PoseInWorld
 from gpvo.estimator.lag_window import LagWindow, Leaving
 from gpvo.estimator.learned_noise import LearnedNoise
 from gpvo.estimator.own_factors import OwnFactors, Waiting
-from gpvo.estimator.segments import Segments
+from gpvo.estimator.segments import SegmentKnots
 from gpvo.estimator.solving import Solver
 from gpvo.estimator.state_times import Lag, key_interval, key_times
 from gpvo.mc_ransac.iterative import VelocityFit
@@ -75,7 +75,7 @@ class FixedLagSmoother:
         self._has_world = initial is not None
         self._learned = LearnedNoise(self._build.noise)
         self._lag, self._reckoning = Lag(self._config), DeadReckoning(self._config.bridge)
-        self._own, self._segments = OwnFactors(), Segments()
+        self._own, self._segments = OwnFactors(), SegmentKnots()
         self._window = self._new_window()
         self._leaving: Leaving | None = None
         self._final = FinalStates(self._config.settling)

@@ -25,7 +25,7 @@ from gpvo.evaluation.report.paper_tables import (
 )
 from gpvo.evaluation.report.run_time import Cost, cost_table
 from gpvo.evaluation.report.table import ResultTable
-from gpvo.evaluation.report.weak_stretches import Stretch, weak_stretches
+from gpvo.evaluation.report.weak_stretches import ShadedStretch, weak_stretches
 from gpvo.trajectory import StampedPoses
 
 STRANGE_ROTATION = 0.35
@@ -61,7 +61,7 @@ class Comparison:
     evaluations: list[Evaluation]
     conditions: str
     time_offsets: dict[str, float]
-    stretches: list[Stretch] = field(default_factory=list)
+    stretches: list[ShadedStretch] = field(default_factory=list)
     published: list[ErrorRow] = field(default_factory=list)
     costs: dict[str, Cost] = field(default_factory=dict)
 

@@ -6,7 +6,7 @@ import pytest
 from gpvo.evaluation import evaluate
 from gpvo.evaluation.report.figures import COLOURS, line_styles, png, save_figure
 from gpvo.evaluation.report.plots import error_figure, path_figure, path_figure_3d, series_figure
-from gpvo.evaluation.report.weak_stretches import Stretch
+from gpvo.evaluation.report.weak_stretches import ShadedStretch
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +17,7 @@ def evaluations(random_walk):
 
 def test_errors_are_drawn_over_path_and_time(evaluations):
     start = int(evaluations[0].estimate.stamps_ns[0])
-    stretch = Stretch(start + 500_000_000, start + 700_000_000, "few tracklets")
+    stretch = ShadedStretch(start + 500_000_000, start + 700_000_000, "few tracklets")
     for over, reach in (("path", evaluations[0].path_length), ("time", 1.98)):
         axes = error_figure(evaluations, over, [stretch]).axes
         x, y = axes[0].lines[0].get_data()
@@ -29,7 +29,7 @@ def test_errors_are_drawn_over_path_and_time(evaluations):
 
 def test_errors_of_a_run_are_drawn_over_the_time_of_its_recording(evaluations):
     first = int(evaluations[0].estimate.stamps_ns[0])
-    stretch = Stretch(first + 500_000_000, first + 700_000_000, "dead reckoning")
+    stretch = ShadedStretch(first + 500_000_000, first + 700_000_000, "dead reckoning")
     for start_ns, shift, words in ((None, 0.0, "since"), (first - 1_300_000_000, 1.3, "time [s]")):
         axes = error_figure(evaluations, stretches=[stretch], start_ns=start_ns).axes
         for one in axes[0].lines:

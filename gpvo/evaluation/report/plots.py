@@ -24,7 +24,7 @@ from gpvo.evaluation.report.figures import (
     new_figure,
     shared_legend,
 )
-from gpvo.evaluation.report.weak_stretches import Stretch
+from gpvo.evaluation.report.weak_stretches import ShadedStretch
 from gpvo.trajectory import StampedPoses
 
 
@@ -82,7 +82,7 @@ def _paths(
 def error_figure(
     evaluations: Sequence[Evaluation],
     over: str = "time",
-    stretches: Sequence[Stretch] = (),
+    stretches: Sequence[ShadedStretch] = (),
     deviations: NDArray[np.float64] | None = None,
     start_ns: int | None = None,
 ) -> Figure:
@@ -150,7 +150,7 @@ def _shade(
     rows: Iterable[Axes],
     evaluation: Evaluation,
     over: str,
-    stretches: Sequence[Stretch],
+    stretches: Sequence[ShadedStretch],
     zero_ns: int,
 ) -> None:
     times, along = (_along(evaluation, each, zero_ns) for each in ("time", over))

@@ -21,7 +21,7 @@ LONGEST_GAP = 0.2
 
 
 @dataclass(frozen=True)
-class Stretch:
+class ShadedStretch:
     """Stretch of time to shade, in absolute nanoseconds."""
 
     start_ns: int
@@ -30,7 +30,7 @@ class Stretch:
     colour: str = "#999999"
 
 
-def weak_stretches(trajectory: Trajectory) -> list[Stretch]:
+def weak_stretches(trajectory: Trajectory) -> list[ShadedStretch]:
     """Find where a trajectory has few states, grey, and where it has none, pink, as in the paper.
 
     States are at the times of measurements. With states at key times only gaps can be found.
@@ -44,16 +44,16 @@ def weak_stretches(trajectory: Trajectory) -> list[Stretch]:
 
 def shaded_stretches(
     trajectory: Trajectory, spans: Iterable[tuple[float, float]], label: str
-) -> list[Stretch]:
+) -> list[ShadedStretch]:
     """Return the stretches between given times, seconds."""
     return [_stretch(trajectory, *span, label, "#cc79a7") for span in spans]
 
 
 def _stretch(
     trajectory: Trajectory, start: float, stop: float, label: str, colour: str = "#999999"
-) -> Stretch:
+) -> ShadedStretch:
     start_ns, stop_ns = trajectory.stamps_ns(np.array([start, stop]))
-    return Stretch(int(start_ns), int(stop_ns), label, colour)
+    return ShadedStretch(int(start_ns), int(stop_ns), label, colour)
 
 
 def _thin(t: NDArray[np.float64]) -> list[tuple[float, float]]:
