@@ -207,11 +207,7 @@ def compare_tracks(runs: int, duration: float = 2.0, window: int = UNIQUE.window
                 simulation.camera, simulation.noise, window * simulation.period
             )
             for who, smoother in (("ours", ours), ("theirs", theirs)):
-                began = time.process_time()
-                with one_blas_thread():
-                    for cluster in clusters:
-                        smoother.update(*cluster)
-                spent[who] += time.process_time() - began
+                spent[who] += processor_time(smoother, clusters)
             trajectory = ours.trajectory()
             assert trajectory is not None
             states = States(trajectory.t, trajectory.T_world_cam, trajectory.twist)
@@ -227,6 +223,17 @@ def compare_tracks(runs: int, duration: float = 2.0, window: int = UNIQUE.window
             f"{spent['ours'] / spent['theirs']:.2f}",
         )
     console.print(table)
+
+
+def processor_time(
+    smoother: FixedLagSmoother | ReferenceSmoother, clusters: Iterable[tuple[float, Measurements]]
+) -> float:
+    """Update a smoother with clusters; return the seconds of the processor."""
+    began = time.process_time()
+    with one_blas_thread():
+        for cluster in clusters:
+            smoother.update(*cluster)
+    return time.process_time() - began
 
 
 def long_stream(minutes: float) -> None:
