@@ -101,6 +101,16 @@ class MotionCompensation:
         before = self.hardly_moved
         self.hardly_moved = self._moved_little(cluster, middle) and not self.at_rest
         self.turns = before or self.hardly_moved
+        left, right = self._images_of(cluster, middle)
+        self._images.append((left, right))
+        self._doubts.append(self._way.doubt if self.hardly_moved else 1.0)
+        self._frame_count += 1
+        return left.picture, right.picture
+
+    def _images_of(
+        self, cluster: StereoCluster, middle: float
+    ) -> tuple[CompensatedImage, CompensatedImage]:
+        """Make the left and right image at `middle`, by what moved in the cluster."""
         if self.at_rest and self._moving:
             left, right = (image.held(middle) for image in self._moving)
         elif self.at_rest:
@@ -114,10 +124,7 @@ class MotionCompensation:
             )
             if not self._still:
                 self._moving = left, right
-        self._images.append((left, right))
-        self._doubts.append(self._way.doubt if self.hardly_moved else 1.0)
-        self._frame_count += 1
-        return left.picture, right.picture
+        return left, right
 
     def take_back(self) -> None:
         """Forget the latest two pictures, and what was seen in them; keep the motion they told."""
