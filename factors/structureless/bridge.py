@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.kernels.compiled import bare_kernel, kernel
-from factors.kernels.se3 import Array
+from factors.kernels.se3 import Array, copy_kernel
 
 _FEW = 32  # columns to begin with; so many are rarely needed
 _ROUNDING = 1e-13  # of a variance: what is left of it after elimination is no number any more
@@ -163,7 +163,7 @@ def pivoted_cholesky_kernel(
             break
         if rank == gains.shape[1]:
             wider = np.empty((m, 2 * rank))
-            wider[:, :rank] = gains
+            copy_kernel(gains, wider)
             gains = wider
         pivots[rank], root = best, np.sqrt(left[best])
         for n in range(m):
