@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from factors.kernels.se3 import Array
-from factors.lie import se3_exp
 from factors.linear_states import LinearStatesFactor
 from factors.structureless.identities import are_in, increasing
 from factors.structureless.joint_system import Eliminated, JointSystem, prior_columns, root_kernel
@@ -39,11 +38,16 @@ SHARED = 24
 AHEAD = 0.2
 """Least depth of a landmark, as a share of its distance: x / z and y / z end beside the camera."""
 
-_RIGHT_ANGLES = np.array(
-    [(0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 2, 0)], np.float64
-)
-VIEWS = np.stack(
-    [np.round(se3_exp([*turn, 0, 0, 0])[:3, :3]) for turn in 0.5 * np.pi * _RIGHT_ANGLES]
+VIEWS = np.array(
+    [
+        [(1, 0, 0), (0, 1, 0), (0, 0, 1)],
+        [(1, 0, 0), (0, 0, -1), (0, 1, 0)],
+        [(1, 0, 0), (0, 0, 1), (0, -1, 0)],
+        [(0, 0, 1), (0, 1, 0), (-1, 0, 0)],
+        [(0, 0, -1), (0, 1, 0), (1, 0, 0)],
+        [(-1, 0, 0), (0, 1, 0), (0, 0, -1)],
+    ],
+    np.float64,
 )
 """R_cam_view (6, 3, 3) of the views of landmarks: the camera's, and the other faces of a cube."""
 
