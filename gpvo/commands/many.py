@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
+from gpvo.commands.one_recording import Outcome, run_one
 from gpvo.commands.provenance import Request, read_provenance
 from gpvo.commands.workers import in_order
 from gpvo.config import Configuration, configuration_text
@@ -25,25 +23,6 @@ from gpvo.trajectory.whole_file import whole_file
 SUMMARY = "summary.json"
 FINISHED = (0, 3)
 """Exit statuses of runs that came to their end, the second one with a failed trajectory."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How the run of a recording ended.
-
-    Attributes
-    ----------
-    name
-        Of the recording, and of its folder.
-    status
-        Exit status of `gpvo run`.
-    said
-        The last line that it printed.
-    """
-
-    name: str
-    status: int
-    said: str
 
 
 def run_many(
@@ -122,22 +101,6 @@ def arguments(request: Request, folder: Path, name: str, plots: str) -> list[str
     }
     given = [f"{option}={value}" for option, value in options.items() if value is not None]
     return ["run", request.recording, *given]
-
-
-def run_one(name: str, given: Sequence[str], folder: str) -> Outcome:
-    """Run `gpvo` with these arguments in a process; what it prints goes to a file beside."""
-    log = Path(folder) / f"{name}.log"
-    command = [sys.executable, "-m", "gpvo.commands.one_of_many", *given]
-    with (
-        log.open("wb") as text,
-        subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=text, stderr=subprocess.STDOUT
-        ) as process,
-    ):
-        code = process.wait()
-    lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
-    said = next((line.strip() for line in reversed(lines) if line.strip()), "said nothing")
-    return Outcome(name, code if code >= 0 else 128 - code, said)
 
 
 def _is_done(
