@@ -9,7 +9,7 @@ from synthetic import CAMERA, TWIST, constant_velocity
 
 from factors.lie import se3_inverse, se3_log
 from gpvo.config import EstimatorConfig, NoiseConfig
-from gpvo.estimator import Estimator, make_estimator
+from gpvo.estimator import Estimator, make_estimator, one_blas_thread
 from gpvo.mc_ransac import VelocityFit
 from gpvo.tracking import Measurements
 from gpvo.trajectory import States, Trajectory
@@ -36,10 +36,11 @@ def make(noise: NoiseConfig | None = None, **settings: object) -> Estimator:
 def fed(
     estimator: Estimator, clusters: Iterable[Cluster], fit: VelocityFit | None = None
 ) -> Trajectory:
-    """Trajectory of an estimator after some clusters."""
-    for end_time, measurements in clusters:
-        estimator.update(end_time, measurements, fit)
-    trajectory = estimator.trajectory()
+    """Trajectory of an estimator after some clusters, with one BLAS thread as in `Odometry`."""
+    with one_blas_thread():
+        for end_time, measurements in clusters:
+            estimator.update(end_time, measurements, fit)
+        trajectory = estimator.trajectory()
     assert trajectory is not None
     return trajectory
 
