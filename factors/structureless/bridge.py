@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from factors.kernels.compiled import bare_kernel, kernel
-from factors.kernels.se3 import Array, copy_kernel
+from factors.kernels.matrices import copy_kernel
+from factors.kernels.se3 import Array
 
 _FEW = 32  # columns to begin with; so many are rarely needed
 _ROUNDING = 1e-13  # of a variance: what is left of it after elimination is no number any more
