@@ -74,7 +74,11 @@ def load_ground_truth(
 
 
 def check_start(recording: Recording, start: float) -> None:
-    """Raise InputError if the recording ends before `start`, seconds."""
+    """Raise InputError if the recording ends before `start`, seconds, or has no events at all."""
+    if recording.duration == 0:
+        raise InputError(
+            f"{recording.path}: has no two events apart in time: no motion can be seen"
+        )
     if start >= recording.duration:
         raise InputError(
             f"{recording.path}: --start {start:g} lies beyond its {recording.duration:.3f} s"

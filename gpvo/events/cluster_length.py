@@ -102,7 +102,7 @@ class ClusterLength:
             enough = 0.0 if at_rest else self._time_of(LEAST)
             return self._of_unknown_speed(motion, enough)
         usual = SURGE * float(median(self._counts)) if self._counts else 0.0
-        return self._duration(motion), round(max(usual, LEAST * self._pixels))
+        return self._duration(motion), max(round(max(usual, LEAST * self._pixels)), 1)
 
     def _of_unknown_speed(self, motion: ImageMotion, enough: float) -> tuple[float, int]:
         """Return the limits where the latest rate gives enough events in so many seconds.
@@ -116,7 +116,7 @@ class ClusterLength:
         most = FIRST * self._pixels
         if enough > SHORT:
             most = LEAST * self._pixels + self._noise_rate * enough
-        return min(max(SHORT, enough), soon, config.window), round(most)
+        return min(max(SHORT, enough), soon, config.window), max(round(most), 1)
 
     def _duration(self, motion: ImageMotion) -> float:
         config = self._config

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from gpvo.config import StageConfig
 from gpvo.config.stages.stage import LARGEST_SIDE
@@ -16,26 +16,31 @@ from gpvo.simulation.motion import SPEEDS, MotionName
 Size = Annotated[int, Field(ge=1, le=LARGEST_SIDE)]
 """A width or height, pixels; columns and rows are uint16."""
 
+MOST_PIXELS = 1 << 24
+"""Larger than any event camera; more would fill the memory."""
+
 
 class SimulationConfig(StageConfig):
     """A simulated stereo recording; the default is a handheld camera in a small room."""
 
     seed: int = Field(default=0, ge=0, description="Seed of the scene, the motion and the sensors.")
     motion: MotionName = Field(default="hand_held", description="How the camera moves.")
-    duration: float = Field(default=3.0, gt=0, description="Duration of the motion, seconds.")
+    duration: float = Field(
+        default=3.0, gt=0, le=3600, description="Duration of the motion, seconds."
+    )
     resolution: tuple[Size, Size] = Field(
         default=(346, 260), description="Width and height, pixels."
     )
-    focal_length: float = Field(default=226.0, gt=0, description="Of both cameras, pixels.")
+    focal_length: float = Field(default=226.0, ge=1, le=1e5, description="Of both cameras, pixels.")
     baseline: float = Field(default=0.10, gt=0, description="Distance of the cameras, metres.")
-    boxes: int = Field(default=5, ge=0, description="Boxes in the room.")
+    boxes: int = Field(default=5, ge=0, le=1000, description="Boxes in the room.")
     threshold: float = Field(
         default=0.25,
-        gt=0,
+        ge=0.001,
         description="Change of log intensity that makes an event, both polarities.",
     )
     right_threshold: float | None = Field(
-        default=None, gt=0, description="That of the right camera; the same if it is null."
+        default=None, ge=0.001, description="That of the right camera; the same if it is null."
     )
     threshold_sigma: float = Field(
         default=0.03, ge=0, description="Standard deviation of the threshold over the pixels."
@@ -43,10 +48,19 @@ class SimulationConfig(StageConfig):
     refractory_period: float = Field(
         default=0.001, ge=0, description="How long a pixel is silent after an event, seconds."
     )
-    noise_rate: float = Field(default=0.0, ge=0, description="Random events per pixel and second.")
-    pixels_per_frame: float = Field(
-        default=0.5, gt=0, description="Image motion between rendered frames, pixels."
+    noise_rate: float = Field(
+        default=0.0, ge=0, le=1e4, description="Random events per pixel and second."
     )
+    pixels_per_frame: float = Field(
+        default=0.5, ge=0.01, description="Image motion between rendered frames, pixels."
+    )
+
+    @field_validator("resolution")
+    @classmethod
+    def _fit_into_memory(cls, resolution: tuple[int, int]) -> tuple[int, int]:
+        if resolution[0] * resolution[1] > MOST_PIXELS:
+            raise ValueError(f"more than {MOST_PIXELS} pixels")
+        return resolution
 
     @property
     def rig(self) -> StereoRig:

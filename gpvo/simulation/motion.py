@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from gpvo.errors import InputError
 from gpvo.trajectory import StampedPoses
 from gpvo.trajectory.stamped_poses import rigid_transforms
 
@@ -78,9 +79,22 @@ class Motion:
 
     @staticmethod
     def through(poses: StampedPoses) -> Motion:
-        """Return the motion through given poses, the first at t = 0; the world's z points up."""
+        """Return the motion through given poses, the first at t = 0; the world's z points up.
+
+        Raises
+        ------
+        InputError
+            If there are fewer than two poses.
+        """
+        if len(poses) < 2:
+            raise InputError(f"a motion goes through two poses or more, not {len(poses)}")
         times, rotations = poses.seconds, Rotation.from_matrix(poses.rotations)
         return Motion(CubicSpline(times, poses.positions), RotationSpline(times, rotations))
+
+    @property
+    def stop(self) -> float:
+        """Time until which the motion is known, seconds."""
+        return float(self.position.x[-1]) - self.offset
 
     def later(self, seconds: float) -> Motion:
         """Return the same motion with t = 0 moved later by `seconds`."""

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from gpvo.errors import InputError
 from gpvo.mapping.scene_file import write_scene
 from gpvo.recordings import Events, Recording, StereoEvents, StereoRig
 from gpvo.recordings.event_batches import stereo_batches
@@ -80,12 +81,24 @@ def simulate(config: SimulationConfig, motion: Motion | None = None) -> Simulate
     """Simulate a stereo recording; the same input gives the same recording, bit for bit.
 
     `motion`, if given, replaces the random one, in a room as large as it needs.
+
+    Raises
+    ------
+    InputError
+        If the motion ends before the duration, or a camera leaves the part of the room that is
+        clear of boxes, as one with too long a baseline does.
     """
+    if motion is not None and motion.stop < config.duration - 1e-6:
+        raise InputError(
+            f"duration: {config.duration:g} s is longer than the motion, which is known for"
+            f" {motion.stop:g} s"
+        )
     seeds = np.random.SeedSequence(config.seed).spawn(4)
     scene_rng, motion_rng, *sensor_rngs = map(np.random.default_rng, seeds)
-    room = config.room if motion is None else room_around(motion, config.duration)
+    room = config.room if motion is None else room_around(motion, config)
     scene = Scene.random(*room, config.boxes, scene_rng)
     motion = motion or Motion.random(config.motion, config.duration, motion_rng)
+    _require_clear_way(motion, config, room[1])
     times = frame_times(scene, motion, config)
     T_left_right = np.eye(4)
     T_left_right[0, 3] = config.baseline
@@ -100,11 +113,34 @@ def simulate(config: SimulationConfig, motion: Motion | None = None) -> Simulate
     return _recording(config, scene, motion, left, right)
 
 
-def room_around(motion: Motion, duration: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def room_around(
+    motion: Motion, config: SimulationConfig
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the corners (2, 3) of a room and of the part that the motion needs, metres."""
-    way = motion.pose(np.linspace(0.0, duration, 200))[:, :3, 3]
-    clear = np.stack([way.min(axis=0) - 0.8, way.max(axis=0) + 0.8])
+    way = motion.pose(np.linspace(0.0, config.duration, 200))[:, :3, 3]
+    around = max(0.8, 1.1 * config.baseline)
+    clear = np.stack([way.min(axis=0) - around, way.max(axis=0) + around])
     return clear + np.array([[-2.0], [2.0]]), clear
+
+
+def _require_clear_way(
+    motion: Motion, config: SimulationConfig, clear: NDArray[np.float64]
+) -> None:
+    """Raise InputError if a camera leaves the part (2, 3) of the room where no boxes are."""
+    poses = motion.pose(_stamps(config.duration))
+    for side, along in (("left", 0.0), ("right", config.baseline)):
+        way = poses[:, :3, 3] + along * poses[:, :3, 0]
+        if (way < clear[0]).any() or (way > clear[1]).any():
+            raise InputError(
+                f"the {side} camera, with a baseline of {config.baseline:g} m, leaves the part of"
+                " the room that is clear of boxes; choose a shorter baseline, or a motion in a"
+                " larger room"
+            )
+
+
+def _stamps(duration: float) -> NDArray[np.float64]:
+    """Return the times of the true poses, seconds."""
+    return np.linspace(0.0, duration, round(duration * GROUND_TRUTH_RATE) + 1)
 
 
 def _recording(
@@ -113,7 +149,7 @@ def _recording(
     """Return the recording with t = 0 at the first event of either camera."""
     first = min((side.t[0] for side in (left, right) if len(side)), default=0.0)
     last = max((side.t[-1] for side in (left, right) if len(side)), default=first)
-    stamps = np.linspace(0.0, config.duration, round(config.duration * GROUND_TRUTH_RATE) + 1)
+    stamps = _stamps(config.duration)
     return SimulatedRecording(
         path=Path(f"simulated_{config.motion}_{config.seed}"),
         rig=config.rig,

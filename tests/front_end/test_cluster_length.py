@@ -181,6 +181,11 @@ def test_events_end_a_cluster_while_the_speed_is_unknown(size: tuple[int, int]) 
     assert length(size).limits(ImageMotion(50.0))[1] == round(LEAST * pixels)
 
 
+def test_a_cluster_of_the_smallest_sensor_waits_for_an_event() -> None:
+    """No event ends one of none, and what asks for it found no time of it."""
+    assert length((1, 1)).limits(UNKNOWN)[1] == length((1, 1)).limits(ImageMotion(50.0))[1] == 1
+
+
 def test_a_surge_of_events_ends_a_cluster() -> None:
     known = length((240, 180))
     for events in [*[10**6] * REMEMBERED, *[30_000] * REMEMBERED]:

@@ -215,3 +215,10 @@ def test_bad_input_is_named(recording: SimulatedRecording, tmp_path: Path) -> No
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be written"):
         inspect_command(recording, None, FEW, tmp_path / "file", Console())
+
+
+def test_a_simulation_without_events_is_said_to_have_none(tmp_path: Path) -> None:
+    still = tmp_path / "still.yaml"
+    still.write_text("{motion: still, duration: 0.02, resolution: [40, 30], focal_length: 30}")
+    with pytest.raises(InputError, match="has no two events apart in time"):
+        CliRunner().invoke(app, ["inspect", str(still)], catch_exceptions=False)

@@ -5,11 +5,15 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from gpvo.errors import InputError
 from gpvo.recordings import Events, StereoRig
 from gpvo.recordings.files.mvsec import MvsecRecording
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
+from gpvo.simulation.motion import Motion
 from gpvo.simulation.scene import pixel_grid, pixel_rays
+from gpvo.trajectory import StampedPoses
 
 SMALL = SimulationConfig(
     seed=7, motion="fast", duration=0.3, resolution=(80, 60), focal_length=52.0
@@ -50,6 +54,50 @@ def test_stillness_makes_no_events_and_noise_its_rate() -> None:
         assert abs(len(side) - expected) < 5 * np.sqrt(expected)
         assert abs(side.polarity.mean() - 0.5) < 2.5 / np.sqrt(expected)
         check_stream(side)
+
+
+def sideways(seconds: float) -> Motion:
+    """Return a motion along y that is known for so long."""
+    stamps = np.linspace(0.0, 1e9 * seconds, 5).astype(np.int64)
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, 1, 3] = np.linspace(0.0, 0.5, 5)
+    return Motion.through(StampedPoses(stamps, poses))
+
+
+def test_motion_that_ends_too_early_is_refused() -> None:
+    """Beyond its last pose a spline leads hundreds of metres away."""
+    with pytest.raises(
+        InputError, match=r"duration: 0\.3 s is longer than the motion.* for 0\.2 s"
+    ):
+        simulate(SMALL, sideways(0.2))
+    with pytest.raises(InputError, match="two poses or more, not 1"):
+        Motion.through(StampedPoses(np.zeros(1, np.int64), np.eye(4)[None]))
+
+
+def test_both_cameras_stay_inside_the_room() -> None:
+    """A camera in a wall or box would see nothing that is there."""
+    with pytest.raises(InputError, match="the right camera, with a baseline of 3 m, leaves"):
+        simulate(changed(baseline=3.0))
+    wide = simulate(changed(baseline=3.0, duration=0.05), sideways(0.2))
+    x = wide.ground_truth.positions[:, 0] + 3.0
+    assert x.max() < wide.scene.boxes[0, 1, 0] - 2.0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"resolution": (65535, 65535)},
+        {"focal_length": 1e-300},
+        {"threshold": 1e-9},
+        {"noise_rate": 1e12},
+        {"boxes": 10**9},
+        {"pixels_per_frame": 1e-9},
+        {"duration": 1e9},
+    ],
+)
+def test_what_would_fill_memory_or_never_end_is_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValidationError, match=next(iter(wrong))):
+        SimulationConfig.model_validate(wrong)
 
 
 def check_stream(events: Events) -> None:
