@@ -79,7 +79,7 @@ class Odometry:
     ) -> Trajectory:
         """Process a recording from `start` for `duration` seconds.
 
-        Once `ended` returns True, no more is read.
+        Once `ended` returns True, no more is read or estimated.
 
         Raises
         ------
@@ -88,7 +88,9 @@ class Odometry:
         """
         batches = recording.event_batches(start, start + duration)
         for _ in self.reports_of(takewhile(lambda _: not ended(), batches)):
-            pass
+            if ended():  # a batch without events may be hours long
+                break
+        list(self._ended())
         trajectory = self.trajectory(recording.start_ns)
         if trajectory is None:
             raise InputError(f"{recording.path}: no landmark could be tracked: {self._why_lost()}")

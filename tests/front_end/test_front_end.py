@@ -79,3 +79,11 @@ def test_any_object_may_be_the_tracker(recording: SimulatedRecording) -> None:
     assert reports[0] == reports[1]
     assert all(report.tracking is not None for report in usual.reports)
     np.testing.assert_array_equal(*poses)
+
+
+def test_a_run_ends_within_hours_without_events(recording: SimulatedRecording) -> None:
+    """They are one batch of thousands of clusters; Ctrl-C waited for all of them."""
+    silent, odometry = replace(recording, duration=7200.0), Odometry(recording.rig, FEW)
+    trajectory = odometry.run(silent, ended=lambda: odometry.tracked_until > 1.0)
+    assert 0.8 < odometry.reports[-1].stop < odometry.tracked_until < 2.0
+    assert trajectory.stop == odometry.reports[-1].stop
