@@ -114,7 +114,8 @@ class LiveOdometry:
         ------
         InputError
             If the events are not four arrays of whole numbers and one length, lie outside the
-            sensor, or go back in time. None of them is used then, and the odometry goes on.
+            sensor, go back in time, or go on by more than 600 s at once without a call of
+            `interrupted` before. None of them is used then, and the odometry goes on.
         ValueError
             After `close`.
         """

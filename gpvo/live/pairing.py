@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpvo.live.raw_events import RawEvents, checked_events
+from gpvo.errors import InputError
+from gpvo.live.raw_events import RawEvents, check_steps, checked_events
 from gpvo.recordings import Events, StereoEvents, StereoRig
 from gpvo.recordings.streams import EventBlock
 
@@ -17,6 +18,8 @@ log = logging.getLogger("gpvo.live")
 NEVER, ALWAYS = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
 LONGEST_NS = 2**62
 """Nobody is more patient, nanoseconds."""
+SILENCE_NS = 600 * 10**9
+"""Longest time without events of either camera, nanoseconds; those at rest have noise."""
 
 
 class _Side:
@@ -36,12 +39,12 @@ class _Side:
         self.waiting: list[EventBlock] = []
         self.newest_ns = NEVER
         self.late = 0
-        self._offset_ns = offset_ns
+        self.offset_ns = offset_ns
 
     @property
     def reached_ns(self) -> int:
         """Corrected stamp of the newest event."""
-        return self.newest_ns - self._offset_ns
+        return self.newest_ns - self.offset_ns
 
     def __len__(self) -> int:
         return sum(map(len, self.waiting))
@@ -51,8 +54,8 @@ class _Side:
         if len(block) == 0:
             return
         self.newest_ns = int(block.t_ns[-1])
-        if self._offset_ns:
-            block = replace(block, t_ns=block.t_ns - self._offset_ns)
+        if self.offset_ns:
+            block = replace(block, t_ns=block.t_ns - self.offset_ns)
         in_time = _since(block, begin_ns)
         self.late += len(block) - len(in_time)
         if len(in_time):
@@ -60,7 +63,7 @@ class _Side:
 
     def first_ns(self) -> int:
         """Return the first stamp that waits, by the camera's own clock; ALWAYS without any."""
-        return int(self.waiting[0].t_ns[0]) + self._offset_ns if self.waiting else ALWAYS
+        return int(self.waiting[0].t_ns[0]) + self.offset_ns if self.waiting else ALWAYS
 
     def leave_out(self, begin_ns: int) -> None:
         """Leave out what waits from before `begin_ns`."""
@@ -84,6 +87,16 @@ def _since(block: EventBlock, begin_ns: int) -> EventBlock:
     if begin_ns <= block.t_ns[0]:
         return block
     return block[int(np.searchsorted(block.t_ns, begin_ns)) :]
+
+
+def _check_beginning(firsts_ns: list[int]) -> None:
+    """Raise InputError if the cameras' first events are too far apart."""
+    apart_ns = max(firsts_ns, default=0) - min(firsts_ns, default=0)
+    if apart_ns > SILENCE_NS:
+        raise InputError(
+            f"left and right t: the first events are {apart_ns / 1e9:g} s apart, more than"
+            f" {SILENCE_NS / 1e9:g} s; give microseconds of one clock"
+        )
 
 
 class StereoPairing:
@@ -139,10 +152,25 @@ class StereoPairing:
             If they cannot be used.
         """
         left_side, right_side = self._sides.values()
-        return (
+        blocks = (
             checked_events(left, "left", self._rig.left, left_side.newest_ns),
             checked_events(right, "right", self._rig.right, right_side.newest_ns),
         )
+        self._check_silence(*blocks)
+        return blocks
+
+    def _check_silence(self, *blocks: EventBlock) -> None:
+        """Raise InputError if a time without events comes that takes minutes to guess through."""
+        sides = self._sides.values()
+        pushed = [(block, side) for block, side in zip(blocks, sides, strict=True) if len(block)]
+        firsts = [int(block.t_ns[0]) - side.offset_ns for block, side in pushed]
+        if self._waits:
+            firsts += [int(side.waiting[0].t_ns[0]) for side in sides if side.waiting]
+            _check_beginning(firsts)
+        before_ns = min(firsts, default=0) if self._waits else max(s.reached_ns for s in sides)
+        for name, side, block in zip(self._sides, sides, blocks, strict=True):
+            if len(block) and int(block.t_ns[-1]) - side.offset_ns - before_ns > SILENCE_NS:
+                check_steps(block.t_ns, before_ns + side.offset_ns, SILENCE_NS, f"{name} t")
 
     def push(self, left: EventBlock, right: EventBlock) -> StereoEvents | None:
         """Add events of both cameras; return the batch that they complete, None if there is none.

@@ -56,6 +56,18 @@ def checked_events(events: RawEvents, side: str, camera: Camera, before_ns: int)
     return EventBlock(x.astype(np.uint16), y.astype(np.uint16), t_ns, is_on)
 
 
+def check_steps(t_ns: NDArray[np.int64], before_ns: int, longest_ns: int, name: str) -> None:
+    """Raise InputError if stamps (N,) go on by more than so long from one to the next."""
+    steps = np.diff(np.maximum(t_ns, before_ns), prepend=before_ns)
+    index = int(np.argmax(steps))
+    if steps[index] > longest_ns:
+        raise InputError(
+            f"{name}: goes on by {steps[index] / 1e9:g} s at event {index}, more than"
+            f" {longest_ns / 1e9:g} s; give microseconds of one clock, and call interrupted() where"
+            " data is missing"
+        )
+
+
 def _are_of_a_block(columns: list[NDArray[Any]]) -> bool:
     """Whether arrays (N,) have the types of an `EventBlock`, so that one pass can check them."""
     kinds = ("u2", "u2", "i8", "?")

@@ -219,6 +219,7 @@ def bad(index: int, column: object) -> tuple:
         (bad(2, np.array([1e3, 1e3])), "left t: must be whole numbers"),
         (bad(2, np.array([1001, 1000])), "left t: goes back by 1 us at event 1"),
         (bad(2, np.array([1, 2**62])), "too large for microseconds"),
+        (bad(2, np.array([1001, 10**15])), "left t: goes on by 1e.09 s at event 1, more than"),
         (bad(2, np.array([10, 11])), "left t: goes back by 490 us at event 0"),
         (bad(3, np.array([2, 0])), "left polarity: must be bool, or 1 and 0 or -1"),
         (bad(3, np.array([True])), "left: x, y, t, polarity must have one length"),
@@ -238,6 +239,19 @@ def test_bad_events_are_refused_as_a_whole_and_the_odometry_goes_on(
     live.close()
     with pytest.raises(ValueError, match="closed"):
         live.push(GOOD, GOOD)
+
+
+def test_hours_without_events_are_not_guessed_through_unless_they_are_announced() -> None:
+    """Each quarter of a second of them would be a cluster; nobody waits for that."""
+    live = LiveOdometry(room().rig, CONFIG)
+    later = (*GOOD[:2], GOOD[2] + 10**13, GOOD[3])
+    live.push(right=later)
+    with pytest.raises(InputError, match=r"first events are 1e\+07 s apart, more than 600 s"):
+        live.push(left=GOOD)
+    live.push(left=later)
+    live.interrupted()
+    live.push(*2 * [(*GOOD[:2], GOOD[2] + 10**15, GOOD[3])])
+    live.close()
 
 
 def test_what_fails_in_the_second_thread_is_raised_by_the_next_call() -> None:
