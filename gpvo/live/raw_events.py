@@ -16,6 +16,9 @@ RawEvents = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
 """x, y, t, polarity (N,) of one camera: columns, rows, int64 microseconds, and 1 or True where the
 pixel became brighter, else 0, -1 or False."""
 
+LARGEST_US = 2**62 // 1000
+"""Microseconds since 1970 until the year 2116: differences of stamps fit into int64 nanoseconds."""
+
 NO_EVENTS: RawEvents = ((), (), (), ())
 
 
@@ -37,7 +40,10 @@ def checked_events(events: RawEvents, side: str, camera: Camera, before_ns: int)
     """
     if not isinstance(events, tuple) or len(events) != 4:
         raise InputError(f"{side}: events must be a tuple of four arrays (x, y, t, polarity)")
-    x, y, t, polarity = columns = [np.asarray(column) for column in events]
+    try:
+        x, y, t, polarity = columns = [np.asarray(column) for column in events]
+    except ValueError as error:
+        raise InputError(f"{side}: events are no arrays: {error}") from error
     lengths = [column.shape for column in columns]
     if len(set(lengths)) != 1 or x.ndim != 1:
         raise InputError(f"{side}: x, y, t, polarity must have one length, not {lengths}")
@@ -90,9 +96,9 @@ def _check_inside(column: NDArray[Any], size: int, name: str) -> None:
 
 
 def _nanoseconds(t: NDArray[Any], name: str) -> NDArray[np.int64]:
-    limit = np.iinfo(np.int64).max // 1000
-    if int(t.max()) > limit or int(t.min()) < -limit:
-        raise InputError(f"{name}: {t.max()} is too large for microseconds")
+    for extreme in (int(t.max()), int(t.min())):
+        if abs(extreme) > LARGEST_US:
+            raise InputError(f"{name}: {extreme} is too large for microseconds")
     return t.astype(np.int64) * 1000
 
 

@@ -219,6 +219,8 @@ def bad(index: int, column: object) -> tuple:
         (bad(2, np.array([1e3, 1e3])), "left t: must be whole numbers"),
         (bad(2, np.array([1001, 1000])), "left t: goes back by 1 us at event 1"),
         (bad(2, np.array([1, 2**62])), "too large for microseconds"),
+        (bad(2, np.array([-(2**53), 1])), "-9007199254740992 is too large for microseconds"),
+        (bad(0, [[1], [2, 3]]), "left: events are no arrays"),
         (bad(2, np.array([1001, 10**15])), "left t: goes on by 1e.09 s at event 1, more than"),
         (bad(2, np.array([10, 11])), "left t: goes back by 490 us at event 0"),
         (bad(3, np.array([2, 0])), "left polarity: must be bool, or 1 and 0 or -1"),
