@@ -226,7 +226,15 @@ class Odometry:
         return self._watch.numbers
 
     def verdict(self) -> Verdict:
-        """Judge the run so far, after at least one cluster."""
+        """Judge the run so far.
+
+        Raises
+        ------
+        InputError
+            If there was no cluster of events yet.
+        """
+        if not self.reports:
+            raise InputError("no verdict: there was no cluster of events yet")
         return verdict(self.reports, self.faults, self.trajectory())
 
     @property

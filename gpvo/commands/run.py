@@ -73,7 +73,7 @@ def run(
     video: Video = None,
     jobs: Annotated[int, typer.Option(min=1, help="Of many recordings, how many at once.")] = 1,
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, to run many recordings there.")
+        str | None, typer.Option(help="Address of a Dask scheduler, to run them there.")
     ] = None,
 ) -> None:
     """Estimate the motion of a recording; write trajectory, metrics and plots.
@@ -86,7 +86,8 @@ def run(
     so far.
     """
     watch = Watch(view, save, video)
-    if len(recordings or []) > 1:
+    many = len(recordings or []) > 1 or scheduler is not None
+    if many:
         _refuse_for_many({"--repeat": repeat, "--view": view, "--save": save, "--video": video})
     if repeat is not None:
         if recordings:
@@ -107,7 +108,7 @@ def run(
             )
             for recording in recordings
         ]
-        if len(requests) > 1:
+        if many:
             folder, workers = output or new_folder("many"), (jobs, scheduler)
             status = run_many(requests, configuration, folder, plots, workers, console)
             raise typer.Exit(status)

@@ -315,6 +315,8 @@ def test_nothing_pushed_is_no_trajectory() -> None:
     with LiveOdometry(room().rig) as live:
         live.push()
     assert live.close() is None and live.latest() is None and live.start_ns is None
+    with pytest.raises(InputError, match="no verdict: there was no cluster"):
+        live.odometry.verdict()
 
 
 def test_the_example_shows_the_pose_while_events_come(capsys: pytest.CaptureFixture[str]) -> None:
