@@ -34,3 +34,21 @@ _FAST = {"reassoc", "contract", "nsz"}
 # and those that are called by others, too.
 fast_kernel = njit(**KERNEL, forceinline=True, fastmath=_FAST)
 inlined_kernel = njit(**KERNEL, forceinline=True)
+
+
+def require_cache() -> None:
+    """Raise RuntimeError with the remedy if there is no folder to keep what is compiled in."""
+    try:
+        kernel(_nothing)
+    except RuntimeError as error:
+        raise RuntimeError(
+            "what is compiled cannot be kept beside the sources or in the home folder; set"
+            " NUMBA_CACHE_DIR to a folder that can be written"
+        ) from error
+
+
+def _nothing() -> None:
+    """Nothing to compile."""
+
+
+require_cache()

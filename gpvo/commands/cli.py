@@ -132,6 +132,10 @@ def _loaded(name: str) -> ModuleType:
     try:
         with end_at_once():
             return import_module(name)
+    except RuntimeError as error:
+        if "NUMBA_CACHE_DIR" in str(error):
+            raise InputError(str(error)) from error
+        raise
     finally:
         gc.freeze()
         gc.enable()

@@ -12,7 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 import gpvo
-from gpvo.commands.cli import COMMANDS, app
+from gpvo.commands.cli import COMMANDS, _loaded, app
+from gpvo.errors import InputError
 
 HEAVY = ("numba", "gtsam", "scipy", "cv2", "h5py", "matplotlib", "numpy")
 
@@ -43,6 +44,15 @@ def test_the_list_says_what_the_commands_say(name: str) -> None:
     assert function.__doc__.partition("\n")[0] == command.line
     shown = CliRunner().invoke(app, [name, "-h"])
     assert shown.exit_code == 0 and name in shown.output
+
+
+def test_a_missing_cache_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: str) -> None:
+        raise RuntimeError("set NUMBA_CACHE_DIR")
+
+    monkeypatch.setattr("gpvo.commands.cli.import_module", refuse)
+    with pytest.raises(InputError, match="set NUMBA_CACHE_DIR"):
+        _loaded("gpvo.commands.nothing")
 
 
 def test_python_m_gpvo_is_gpvo() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import factors
+from factors.kernels import compiled
 
 FOLDER = Path(factors.__file__).parent
 MODULES = sorted(FOLDER.rglob("*.py"))
@@ -50,3 +51,14 @@ def test_all_exported_names_exist_and_are_in_the_readme_once_a_factor() -> None:
         found = getattr(factors, name)
         if isinstance(found, type) and issubclass(found, factors.Factor) and name != "Factor":
             assert f"`{name}`" in readme, name
+
+
+def test_where_nothing_can_be_kept_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a container that is read-only, say, numba names the first kernel only."""
+
+    def refuse(_: object) -> None:
+        raise RuntimeError("cannot cache function 'f': no locator available for file 'f.py'")
+
+    monkeypatch.setattr(compiled, "kernel", refuse)
+    with pytest.raises(RuntimeError, match="set NUMBA_CACHE_DIR to a folder that can be written"):
+        compiled.require_cache()
