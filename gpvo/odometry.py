@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
-from itertools import takewhile
+from itertools import chain, takewhile
 from typing import Any
 
 import numpy as np
@@ -87,10 +87,10 @@ class Odometry:
             If the events are faulty, or no landmark could be tracked in any cluster.
         """
         batches = recording.event_batches(start, start + duration)
-        for _ in self.reports_of(takewhile(lambda _: not ended(), batches)):
-            if ended():  # a batch without events may be hours long
-                break
-        list(self._ended())
+        clusters = self._clusters(takewhile(lambda _: not ended(), batches))
+        # Those of a batch are asked for as well: one without events may be hours long.
+        for _ in chain(self._reports(takewhile(lambda _: not ended(), clusters)), self._ended()):
+            pass
         trajectory = self.trajectory(recording.start_ns)
         if trajectory is None:
             raise InputError(f"{recording.path}: no landmark could be tracked: {self._why_lost()}")
