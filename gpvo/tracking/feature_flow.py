@@ -33,6 +33,13 @@ def flow_between(
     return np.asarray(mean, np.float32)
 
 
+def direction(flow: Flow) -> Array:
+    """Return the shares (2,) of most cells' motion along u and v; both are whole if none moves."""
+    u, v = np.median(np.abs(flow), axis=(0, 1))
+    speed = np.hypot(u, v)
+    return np.array([u, v], float) / speed if speed > 0 else np.ones(2)
+
+
 def median_length(ways: Flow) -> float:
     """Return the median length of what is known of all cells (rows, columns, 2)."""
     return float(np.median(np.linalg.norm(ways, axis=2)))

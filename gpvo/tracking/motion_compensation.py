@@ -23,7 +23,7 @@ from gpvo.tracking.compensated_image import CompensatedImage
 from gpvo.tracking.contour_lag import StereoLag
 from gpvo.tracking.contour_way import USUAL, ContourWay
 from gpvo.tracking.event_sums import Flow
-from gpvo.tracking.feature_flow import flow_between, median_length
+from gpvo.tracking.feature_flow import direction, flow_between, median_length
 from gpvo.tracking.missing_data import MissingData
 from gpvo.tracking.observations import Observations
 
@@ -81,7 +81,7 @@ class MotionCompensation:
         self._recent: Observations | None = None
         self._waiting: Observations | None = None
         self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN
-        self._learned, self._doubts = 0, deque[float](maxlen=frames)
+        self._learned, self._doubts = 0, deque[Array](maxlen=frames)
         self._lag = StereoLag(config.lag_share, side)
         self._cluster: StereoCluster | None = None
         self._full_count, self._way = deque[float](maxlen=USUAL), ContourWay(config.little_motion)
@@ -103,7 +103,8 @@ class MotionCompensation:
         self.turns = before or self.hardly_moved
         left, right = self._images_of(cluster, middle)
         self._images.append((left, right))
-        self._doubts.append(self._way.doubt if self.hardly_moved else 1.0)
+        along = direction(self._flows[0])
+        self._doubts.append(self._way.doubt(along) if self.hardly_moved else np.ones(2))
         self._frame_count += 1
         return left.picture, right.picture
 
@@ -267,4 +268,4 @@ class MotionCompensation:
     def _doubt(self, times: float) -> None:
         """Let deviations of the latest left points be so many times larger at least."""
         if self._config.lag_share > 0:
-            self._doubts[-1] = max(self._doubts[-1], times)
+            self._doubts[-1] = np.maximum(self._doubts[-1], times)

@@ -79,8 +79,9 @@ def test_what_moved_farther_is_less_certain(a: float, b: float) -> None:
     for value in sorted([a, b]):
         way = ContourWay(inf)
         way.value = value
-        doubts.append(way.doubt)
-    assert 1 <= doubts[0] <= doubts[1]
+        doubts.append(way.doubt(np.array([1.0, 0.5, 0.0])))
+    assert (doubts[0] <= doubts[1]).all()
+    assert all(whole >= half >= none == 1 for whole, half, none in doubts)
 
 
 def contours(number: int, count: int) -> ClusterEvents:
@@ -116,8 +117,9 @@ def test_pictures_of_few_events_go_on_showing_those_before() -> None:
     # What is seen is where it was a little before, and less certain by that way.
     middle, period = 3.5 * PERIOD, 0.2 * PERIOD
     assert np.abs(found[3].times - middle).max() < period
-    np.testing.assert_allclose(found[3].deviations[:, :2], np.hypot(1, 0.525 / COMMON), rtol=1e-6)
-    assert (found[3].deviations[:, 2] == 1).all() and (found[2].deviations == 1).all()
+    np.testing.assert_allclose(found[3].deviations[:, 0], np.hypot(1, 0.525 / COMMON), rtol=1e-6)
+    assert (found[3].deviations[:, 1:] == 1).all(), "contours moved along their rows"
+    assert (found[2].deviations == 1).all()
 
 
 def test_pictures_of_more_events_show_these_alone() -> None:

@@ -17,7 +17,7 @@ from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.tracking import Observations
 from gpvo.tracking.compensated_image import CompensatedImage
 from gpvo.tracking.event_sums import CELL, Flow, brightness, motion_at
-from gpvo.tracking.feature_flow import flow_between
+from gpvo.tracking.feature_flow import direction, flow_between
 from gpvo.tracking.motion_compensation import MotionCompensation
 from gpvo.tracking.tracker import to_full_resolution
 
@@ -142,6 +142,14 @@ def test_image_motion_is_that_of_the_features_near() -> None:
     flow = flow_between(earlier, later, 0.01, SHAPE, reach=8.0)
     np.testing.assert_allclose(motion_at(flow, pixels(8, 12))[:, 0], 100, atol=2)
     np.testing.assert_allclose(motion_at(flow, pixels(68, 72))[:, 0], -100, atol=2)
+
+
+@given(motions.filter(lambda motion: np.hypot(*motion) > 1e-3))
+def test_the_direction_is_that_of_most_cells_whatever_their_speed(motion: np.ndarray) -> None:
+    flow = np.tile(motion, (3, 3, 1)).astype(np.float32)
+    flow[0, 0] = 500.0
+    np.testing.assert_allclose(direction(flow), np.abs(motion) / np.hypot(*motion), atol=1e-6)
+    np.testing.assert_array_equal(direction(0 * flow), 1.0)  # any
 
 
 @given(seeds)
