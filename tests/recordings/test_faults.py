@@ -128,7 +128,7 @@ def test_unusable_events(
 def test_times_that_go_backwards(
     tmp_path: Path, calibration: Path, block: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gpvo.recordings.files.mvsec.BLOCK_ROWS", block)
+    monkeypatch.setattr("gpvo.recordings.files.mvsec_table.BLOCK_ROWS", block)
     early = GOOD[89, 2] - 0.011
     message = fault(write_mvsec(tmp_path / "a.hdf5", GOOD, changed(90, 2, early)), calibration)
     assert "davis/right/events row 90:" in message
@@ -140,7 +140,7 @@ def test_small_disorder_is_sorted_and_counted(
     tmp_path: Path, calibration: Path, block: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No more than 10 ms, also across blocks, at the beginning and at the end."""
-    monkeypatch.setattr("gpvo.recordings.files.mvsec.BLOCK_ROWS", block)
+    monkeypatch.setattr("gpvo.recordings.files.mvsec_table.BLOCK_ROWS", block)
     rng = np.random.default_rng(0)
     order = np.argsort(GOOD[:, 2] + rng.uniform(0, 0.004, len(GOOD)), kind="stable")
     path = write_mvsec(tmp_path / "a.hdf5", GOOD[order], GOOD)
@@ -256,7 +256,7 @@ def test_last_time_before_others(
     tmp_path: Path, calibration: Path, block: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No events are lost silently if the stream seems to end early."""
-    monkeypatch.setattr("gpvo.recordings.files.mvsec.BLOCK_ROWS", block)
+    monkeypatch.setattr("gpvo.recordings.files.mvsec_table.BLOCK_ROWS", block)
     rows = changed(299, 2, GOOD[100, 2])
     message = fault(write_mvsec(tmp_path / "a.hdf5", rows, rows), calibration)
     assert "davis/left/events row 299:" in message
