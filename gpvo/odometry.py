@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
-from itertools import chain, takewhile
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -86,23 +86,24 @@ class Odometry:
         InputError
             If the events are faulty, or no landmark could be tracked in any cluster.
         """
-        batches = recording.event_batches(start, start + duration)
-        clusters = self._clusters(takewhile(lambda _: not ended(), batches))
-        # Those of a batch are asked for as well: one without events may be hours long.
-        for _ in chain(self._reports(takewhile(lambda _: not ended(), clusters)), self._ended()):
+        for _ in self.reports_of(recording.event_batches(start, start + duration), ended):
             pass
         trajectory = self.trajectory(recording.start_ns)
         if trajectory is None:
             raise InputError(f"{recording.path}: no landmark could be tracked: {self._why_lost()}")
         return trajectory
 
-    def reports_of(self, batches: Iterable[StereoEvents]) -> Iterator[ClusterReport]:
-        """Estimate the motion during a whole stream, and report every cluster.
+    def reports_of(
+        self, batches: Iterable[StereoEvents], ended: Callable[[], bool] = lambda: False
+    ) -> Iterator[ClusterReport]:
+        """Estimate the motion during a whole stream, until `ended`, and report every cluster.
 
         Nothing is estimated while a report is out, so that the estimator may be asked then. The
         batches are taken ahead, in a thread of their own.
         """
-        yield from self._reports(self._clusters(batches))
+        clusters = self._clusters(takewhile(lambda _: not ended(), batches))
+        # It is asked at each cluster as well: a batch without events may be hours long.
+        yield from self._reports(takewhile(lambda _: not ended(), clusters))
         yield from self._ended()
 
     def push(self, batch: StereoEvents) -> Iterator[ClusterReport]:

@@ -98,7 +98,8 @@ def simulate(config: SimulationConfig, motion: Motion | None = None) -> Simulate
     room = config.room if motion is None else room_around(motion, config)
     scene = Scene.random(*room, config.boxes, scene_rng)
     motion = motion or Motion.random(config.motion, config.duration, motion_rng)
-    _require_clear_way(motion, config, room[1])
+    truth = _true_poses(motion, config.duration)
+    _require_clear_way(truth, config, room[1])
     times = frame_times(scene, motion, config)
     T_left_right = np.eye(4)
     T_left_right[0, 3] = config.baseline
@@ -110,7 +111,7 @@ def simulate(config: SimulationConfig, motion: Motion | None = None) -> Simulate
     ]
     with ThreadPoolExecutor(len(sides)) as pool:  # both cameras at once
         left, right = pool.map(Events.concatenate, sides)
-    return _recording(config, scene, motion, left, right)
+    return _recording(config, scene, motion, truth, left, right)
 
 
 def room_around(
@@ -124,12 +125,11 @@ def room_around(
 
 
 def _require_clear_way(
-    motion: Motion, config: SimulationConfig, clear: NDArray[np.float64]
+    truth: StampedPoses, config: SimulationConfig, clear: NDArray[np.float64]
 ) -> None:
     """Raise InputError if a camera leaves the part (2, 3) of the room where no boxes are."""
-    poses = motion.pose(_stamps(config.duration))
     for side, along in (("left", 0.0), ("right", config.baseline)):
-        way = poses[:, :3, 3] + along * poses[:, :3, 0]
+        way = truth.positions + along * truth.T_world_cam[:, :3, 0]
         if (way < clear[0]).any() or (way > clear[1]).any():
             raise InputError(
                 f"the {side} camera, with a baseline of {config.baseline:g} m, leaves the part of"
@@ -138,18 +138,23 @@ def _require_clear_way(
             )
 
 
-def _stamps(duration: float) -> NDArray[np.float64]:
-    """Return the times of the true poses, seconds."""
-    return np.linspace(0.0, duration, round(duration * GROUND_TRUTH_RATE) + 1)
+def _true_poses(motion: Motion, duration: float) -> StampedPoses:
+    """Return poses of the motion until `duration`, seconds."""
+    t = np.linspace(0.0, duration, round(duration * GROUND_TRUTH_RATE) + 1)
+    return StampedPoses(START_NS + np.rint(t * 1e9).astype(np.int64), motion.pose(t))
 
 
 def _recording(
-    config: SimulationConfig, scene: Scene, motion: Motion, left: Events, right: Events
+    config: SimulationConfig,
+    scene: Scene,
+    motion: Motion,
+    truth: StampedPoses,
+    left: Events,
+    right: Events,
 ) -> SimulatedRecording:
     """Return the recording with t = 0 at the first event of either camera."""
     first = min((side.t[0] for side in (left, right) if len(side)), default=0.0)
     last = max((side.t[-1] for side in (left, right) if len(side)), default=first)
-    stamps = _stamps(config.duration)
     return SimulatedRecording(
         path=Path(f"simulated_{config.motion}_{config.seed}"),
         rig=config.rig,
@@ -157,9 +162,7 @@ def _recording(
         duration=round(float(last - first), 6),
         left=_later(left, first),
         right=_later(right, first),
-        ground_truth=StampedPoses(
-            START_NS + np.rint(stamps * 1e9).astype(np.int64), motion.pose(stamps)
-        ),
+        ground_truth=truth,
         motion=motion.later(first),
         scene=scene,
     )

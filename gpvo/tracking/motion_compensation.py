@@ -103,8 +103,8 @@ class MotionCompensation:
         self.turns = before or self.hardly_moved
         left, right = self._images_of(cluster, middle)
         self._images.append((left, right))
-        along = direction(self._flows[0])
-        self._doubts.append(self._way.doubt(along) if self.hardly_moved else np.ones(2))
+        doubt = self._way.doubt(direction(self._flows[0])) if self.hardly_moved else np.ones(2)
+        self._doubts.append(doubt)
         self._frame_count += 1
         return left.picture, right.picture
 

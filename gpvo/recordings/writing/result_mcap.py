@@ -99,21 +99,22 @@ class _Messages:
 
     def pose(self, stamp_ns: int, T: Array, twist: Array, covariance: Array) -> None:
         """Write the pose and the velocity at one time."""
-        self._add("/gpvo/odometry", stamp_ns, self._odometry(stamp_ns, T, twist, covariance))
-        self._add("/gpvo/pose", stamp_ns, self._stamped(stamp_ns, T))
-        transforms = [self._transform(stamp_ns, T)]
+        stamped = self._stamped(stamp_ns, T)
+        self._add("/gpvo/odometry", stamp_ns, self._odometry(stamped, twist, covariance))
+        self._add("/gpvo/pose", stamp_ns, stamped)
+        transforms = [self._transform(stamped, T)]
         self._add("/tf", stamp_ns, self._make("tf2_msgs/msg/TFMessage", transforms=transforms))
 
-    def _odometry(self, stamp_ns: int, T: Array, twist: Array, covariance: Array) -> Any:
+    def _odometry(self, stamped: Any, twist: Array, covariance: Array) -> Any:
         order = np.concatenate([ROS_ORDER, 6 + ROS_ORDER])
         ros = covariance[np.ix_(order, order)]
         return self._make(
             "nav_msgs/msg/Odometry",
-            header=self._header(stamp_ns),
+            header=stamped.header,
             child_frame_id=CAMERA,
             pose=self._make(
                 "geometry_msgs/msg/PoseWithCovariance",
-                pose=self._pose(T),
+                pose=stamped.pose,
                 covariance=ros[:6, :6].ravel(),
             ),
             twist=self._make(
@@ -127,15 +128,15 @@ class _Messages:
             ),
         )
 
-    def _transform(self, stamp_ns: int, T: Array) -> Any:
+    def _transform(self, stamped: Any, T: Array) -> Any:
         return self._make(
             "geometry_msgs/msg/TransformStamped",
-            header=self._header(stamp_ns),
+            header=stamped.header,
             child_frame_id=CAMERA,
             transform=self._make(
                 "geometry_msgs/msg/Transform",
                 translation=self._vector(T[:3, 3]),
-                rotation=self._pose(T).orientation,
+                rotation=stamped.pose.orientation,
             ),
         )
 
