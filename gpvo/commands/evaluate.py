@@ -52,10 +52,20 @@ def evaluate(
     align_time: Annotated[
         bool, typer.Option("--align-time", help="Remove a constant offset between the clocks.")
     ] = False,
+    common_time: Annotated[
+        bool, typer.Option("--common-time", help="Compare only the time that all estimates cover.")
+    ] = False,
 ) -> None:
     """Compare estimates with the ground truth: tables, plots, report."""
     protocol = Protocol(
-        step, truth_between, association, max_difference, aligned_at, align_body, align_time
+        step,
+        truth_between,
+        association,
+        max_difference,
+        aligned_at,
+        align_body,
+        align_time,
+        common_time,
     )
     evaluate_command(estimate, ground_truth, against or (), output, protocol, calibration, console)
     error = map_error(estimate, ground_truth)

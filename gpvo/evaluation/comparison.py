@@ -127,6 +127,8 @@ def compare(
     if protocol.align_time:
         offsets = {one.name: _time_offset(one) for one in contenders}
     aligned = [one.later(offsets) for one in contenders]
+    if protocol.common_time:
+        aligned = _during_common_time(aligned)
     first = aligned[0].estimate
     return Comparison(
         sequence,
@@ -137,6 +139,16 @@ def compare(
         list(published),
         {one.name: one.cost for one in contenders if one.cost is not None},
     )
+
+
+def _during_common_time(contenders: Sequence[Contender]) -> list[Contender]:
+    """Return the contenders with the ground truth of the time that all of them cover."""
+    intervals = [common_interval(one.estimate, one.ground_truth) for one in contenders]
+    start, stop = max(first for first, _ in intervals), min(last for _, last in intervals)
+    if start >= stop:
+        covered = ", ".join(f"{one.name} {interval_text(one.estimate)}" for one in contenders)
+        raise InputError(f"--common-time: no time that all estimates cover: {covered}")
+    return [one.during(start, stop) for one in contenders]
 
 
 def _time_offset(contender: Contender) -> float:

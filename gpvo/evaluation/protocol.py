@@ -50,6 +50,8 @@ class Protocol:
         and the ground truth's.
     align_time
         First remove the constant offset between the clocks.
+    common_time
+        Compare only the time that all estimates of the sequence cover, instead of each one's own.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class Protocol:
     aligned_at: FrameTransform = "step"
     align_body: BodyAlignment = "none"
     align_time: bool = False
+    common_time: bool = False
 
     def __post_init__(self) -> None:
         if self.step is not None and not STEP_RESOLUTION <= self.step < np.inf:
@@ -99,6 +102,8 @@ class Protocol:
         if len(truth_gaps):
             seconds = np.diff(truth_gaps).sum() * 1e-9
             text += f"; nothing within the ground truth's gaps, {seconds:.3g} s in all"
+        if self.common_time:
+            text += "; only the time that all estimates cover"
         if self.align_body != "none":
             text += f"; constant body offset removed ({self.align_body})"
         return text + ("; constant clock offset removed." if self.align_time else ".")
@@ -128,6 +133,10 @@ class Contender:
             estimate=self.estimate.later(round(1e9 * offsets.get(self.name, 0.0))),
             at_states_of=None if other is None else other.later(offsets),
         )
+
+    def during(self, start_ns: int, stop_ns: int) -> Contender:
+        """Return the same, of whose ground truth only the poses from start to stop are known."""
+        return replace(self, ground_truth=self.ground_truth.between(start_ns, stop_ns))
 
     @property
     def continuous(self) -> bool:

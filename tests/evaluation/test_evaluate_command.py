@@ -341,6 +341,35 @@ def test_a_competitor_of_another_time_is_named(sequence, random_walk):
         run(sequence / "results", sequence / "truth.txt", [f"ESVO={sequence / 'later.txt'}"])
 
 
+def test_all_can_be_compared_over_the_time_that_all_cover(sequence, random_walk):
+    """A competitor that is lost early is compared with what the others did until then."""
+    truth = random_walk(1, 300)
+    write_tum(sequence / "early.txt", random_walk(3, 300)[40:150])
+    files = sequence / "results", sequence / "truth.txt", [f"early={sequence / 'early.txt'}"]
+    (own,), _ = run(*files, protocol=Protocol(step=0.1))
+    (common,), printed = run(*files, protocol=Protocol(step=0.1, common_time=True))
+    whole, early = own.evaluations
+    assert whole.coverage > 2 * early.coverage
+    assert "only the time that all estimates cover" in " ".join(printed.split())
+    stamps = {tuple(one.estimate.stamps_ns) for one in common.evaluations}
+    assert stamps == {tuple(early.estimate.stamps_ns)}
+    assert early.estimate.stamps_ns[0] == truth.stamps_ns[40]
+    lost = common.evaluations[1]
+    assert lost.to_dict() | {"coverage": early.coverage} == early.to_dict()
+
+
+def test_estimates_without_a_common_time_are_named(sequence, random_walk):
+    write_tum(sequence / "first.txt", random_walk(2, 300)[:100])
+    write_tum(sequence / "last.txt", random_walk(2, 300)[200:])
+    with pytest.raises(InputError, match=r"no time that all estimates cover: first .*, last "):
+        run(
+            sequence / "first.txt",
+            sequence / "truth.txt",
+            [f"last={sequence / 'last.txt'}"],
+            protocol=Protocol(step=0.1, common_time=True),
+        )
+
+
 def test_options_are_checked():
     for step in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="--step"):
