@@ -56,14 +56,13 @@ DEPARTURES: dict[str, tuple[str, ...]] = {
     "pictures of their own events": ("tracking.compensation.little_motion",),
     "all events of dense clusters": ("tracking.compensation.density",),
     "disparities from 2 pixels on": ("tracklets.min_disparity",),
-    "landmarks at rest left out": ("tracklets.rest_duration",),
+    "image motion of 2 pixels": ("tracklets.min_length",),
     "tracklets of 40 ms": ("tracklets.min_duration",),
     "no threshold in pixels": ("mc_ransac.pixel_threshold", "mc_ransac.disparity_tolerance"),
     "all samples drawn, refined once": ("mc_ransac.confidence", "mc_ransac.refinements"),
     "nothing moves by itself": (
         "mc_ransac.track_record",
         "tracking.klt.crowding",
-        "tracklets.first_share",
     ),
     "window without memory": ("estimator.method",),
     "fixed noise": (

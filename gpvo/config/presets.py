@@ -51,8 +51,6 @@ PAPER: dict[str, Any] = {
         "min_disparity": 2.0,
         "min_length": 2.0,
         "min_duration": 0.040,
-        "rest_duration": 0.0,
-        "first_share": 0.0,
     },
     "mc_ransac": {
         "iterations": 10_000,

@@ -20,8 +20,6 @@ Array = NDArray[np.float64]
 
 BREAK = 0.5
 """Time between two clusters after which no constant velocity is assumed, seconds."""
-PATIENCE = 0.2
-"""Time from a beginning on in which it is waited for more landmarks to move, seconds."""
 LEAST_LANDMARKS = 8
 """Number of landmarks below which the image speed is unknown."""
 
@@ -40,7 +38,6 @@ class Tracklets:
         self._clusters: deque[tuple[int, StereoCluster]] = deque(maxlen=earlier_frames + 1)
         self._shown: deque[int] = deque(maxlen=config.history)
         self._cluster_count = self._unbroken = 0
-        self._begin, self._has_begun = -np.inf, False
         self._measurements = Measurements.concatenate([])
         self._taken = np.empty(0, bool)
         self._passed: NDArray[np.int64] | None = None  # what `_long_enough` found, while it holds
@@ -54,7 +51,6 @@ class Tracklets:
         if not self._clusters or cluster.start - self._clusters[-1][1].stop > BREAK:
             self._unbroken = self._cluster_count
             self._taken[:] = True  # what is given after the break begins after it
-            self._begin, self._has_begun = cluster.start, False
         newest = self._cluster_count
         self._clusters.append((newest, cluster))
         self._cluster_count += 1
@@ -76,8 +72,7 @@ class Tracklets:
 
         The newest is in the newest cluster. The earlier is the first of its landmark in that
         cluster and the `span` clusters before it that show any, since the latest break; a pair
-        needs two different times. Until PATIENCE is over there are none before a share of the
-        landmarks that were seen before pass the filters: the first to pass may move by themselves.
+        needs two different times.
         """
         newest, known, index = self._cluster_count - 1, self._measurements, self._long_enough()
         oldest = max(min([*self._shown][-(span + 1) :], default=newest), self._unbroken)
@@ -85,16 +80,8 @@ class Tracklets:
         later = index[known.frame[index] == newest]
         earlier = index[_run_starts(known.landmark[index])]
         earlier = earlier[np.searchsorted(known.landmark[earlier], known.landmark[later])]
-        moving = known.t[later] > known.t[earlier]
-        if self._waits(passed=int(moving.sum())):
-            moving[:] = False
-        return known[earlier[moving]], known[later[moving]]
-
-    def _waits(self, passed: int) -> bool:
-        """Whether the motion has not begun to be estimated, and had better not yet."""
-        if self._has_begun or self._clusters[-1][1].stop > self._begin + PATIENCE:
-            return False
-        return passed < self._config.first_share * (passed + self.too_short())
+        apart = known.t[later] > known.t[earlier]
+        return known[earlier[apart]], known[later[apart]]
 
     def image_speed(self) -> float | None:
         """Return the speed of the slow landmarks between the two newest clusters, pixels/s.
@@ -125,7 +112,6 @@ class Tracklets:
         index = self._long_enough()
         index = index[np.isin(self._measurements.landmark[index], inliers) & ~self._taken[index]]
         self._taken[index] = True
-        self._has_begun |= len(index) > 0
         return self._measurements[index]
 
     def reject(self, outliers: NDArray[np.int64]) -> None:
@@ -153,8 +139,6 @@ class Tracklets:
         motion = known.stereo[end, :2] - known.stereo[start, :2]
         duration = known.t[end] - known.t[start]
         passed = np.linalg.norm(motion, axis=1) >= self._config.min_length
-        if self._config.rest_duration > 0:
-            passed |= duration >= self._config.rest_duration
         passed &= duration >= self._config.min_duration
         self._passed = order[np.repeat(passed, after - first)]
         return self._passed

@@ -49,7 +49,7 @@ def test_a_fault_without_harm_does_none(
 
 
 def test_a_camera_that_stands_still_does_not_move(sound: SimulatedRecording) -> None:
-    """Its noise says so: features that stay for `rest_duration`, 0.4 s, measure the rest."""
+    """Its noise says so: features that stay measure the rest."""
     still = standstill(2.0, 0.2)(sound, 0.8, np.random.default_rng(0))
     odometry = Odometry(still.rig)
     trajectory = odometry.run(still)

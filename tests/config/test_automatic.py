@@ -89,7 +89,6 @@ def test_lengths_of_the_sensor_are_twice_those_at_half_its_resolution() -> None:
     assert changed(configuration, in_full_pixels(configuration)) == {
         "tracklets.time_radius": 2,
         "tracklets.min_disparity": 2,
-        "tracklets.min_length": 2,
         "mc_ransac.pixel_threshold": 2,
         "mc_ransac.disparity_tolerance": 2,
         "noise.measurement_information": 1 / 4,

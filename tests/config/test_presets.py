@@ -35,7 +35,7 @@ def test_values_of_section_iv_a_of_the_paper() -> None:
     assert PAPER.tracklets.time_radius == 0.0
     assert PAPER.tracklets.max_stereo_time_difference == 0.020
     assert (PAPER.tracklets.min_disparity, PAPER.tracklets.min_length) == (2.0, 2.0)
-    assert (PAPER.tracklets.min_duration, PAPER.tracklets.rest_duration) == (0.040, 0.0)
+    assert PAPER.tracklets.min_duration == 0.040
     assert (PAPER.mc_ransac.iterations, PAPER.mc_ransac.refinements) == (10_000, 1)
     assert (PAPER.mc_ransac.relative_threshold, PAPER.mc_ransac.pixel_threshold) == (0.05, 0.0)
     assert PAPER.mc_ransac.confidence == 1.0

@@ -21,7 +21,6 @@ WITHOUT_UNIT = {
     "spacing",
     "crowding",
     "candidates",
-    "first_share",
     "lag_share",
     "density",
     "disparity_drift",

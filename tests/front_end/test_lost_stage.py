@@ -148,7 +148,7 @@ def test_every_cluster_of_another_place(room: SimulatedRecording) -> None:
 
 
 def test_tracklets_that_are_too_short(room: SimulatedRecording) -> None:
-    message = failure(room, tracklets={"min_length": 200, "rest_duration": 0})
+    message = failure(room, tracklets={"min_length": 200})
     assert "and 0 long enough; landmarks must be seen longer" in message
 
 

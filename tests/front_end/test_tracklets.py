@@ -13,7 +13,7 @@ from gpvo.config import TrackletConfig
 from gpvo.events import StereoCluster
 from gpvo.mc_ransac import segments_between
 from gpvo.tracking import Measurements, Observations, Tracklets
-from gpvo.tracking.tracklets import BREAK, LEAST_LANDMARKS, PATIENCE, feature_times
+from gpvo.tracking.tracklets import BREAK, LEAST_LANDMARKS, feature_times
 
 HEIGHT, WIDTH = 60, 80
 seeds = st.integers(0, 2**32)
@@ -73,8 +73,6 @@ CONFIG = TrackletConfig(
     min_disparity=2.0,
     min_length=5.0,
     min_duration=1 / 16,
-    rest_duration=0,
-    first_share=0,
     history=4,
 )
 EARLIER_FRAMES = 3
@@ -313,19 +311,15 @@ def test_observations_without_events_are_dropped() -> None:
         assert len(tracklets.pairs(4)[0]) == len(tracklets.take(ALL)) == 0
 
 
-@pytest.mark.parametrize(
-    ("rest_duration", "expected"), [(0.0, 0), (3 / 8, 4), (3 / 8 + 1e-9, 0), (1 / 32, 4)]
-)
-def test_a_tracklet_at_rest_passes_once_it_is_old_enough(
-    rest_duration: float, expected: int
-) -> None:
-    """It lasts 3 / 8 s and does not move; `min_duration` holds for all."""
-    config = CONFIG.model_copy(update={"rest_duration": rest_duration})
-    tracklets = Tracklets(config, EARLIER_FRAMES)
-    for frame in range(4):
+@pytest.mark.parametrize("min_length", [0.0, 1e-9])
+def test_a_landmark_at_rest_passes_unless_a_length_is_asked_for(min_length: float) -> None:
+    """It does not move, and lasts 1 / 8 s from its second sight on."""
+    tracklets = Tracklets(CONFIG.model_copy(update={"min_length": min_length}), EARLIER_FRAMES)
+    for frame in range(2):
         add(tracklets, frame, moving(0, frame, speed=0.0))
-    assert len(tracklets.take(ALL)) == expected
-    assert tracklets.too_short() == (expected == 0)
+    assert len(tracklets.pairs(span=4)[1]) == (min_length == 0)
+    assert len(tracklets.take(ALL)) == 2 * (min_length == 0)
+    assert tracklets.too_short() == (min_length > 0)
 
 
 def test_counts_of_what_the_filters_left_out_are_those_of_the_newest_cluster() -> None:
@@ -385,51 +379,3 @@ def add_timed(tracklets: Tracklets, frame: int, left: NDArray, t: NDArray) -> No
             np.column_stack([t, t]),
         ),
     )
-
-
-@pytest.mark.parametrize(("share", "begins"), [(0.0, 2), (0.5, 2), (0.51, 4), (1.0, 4)])
-def test_motion_begins_once_enough_landmarks_moved(
-    share: float, begins: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Two of four move faster than the others, and pass the filter of length before them."""
-    monkeypatch.setattr("gpvo.tracking.tracklets.PATIENCE", 1.0)
-    config = CONFIG.model_copy(update={"first_share": share, "history": 8})
-    tracklets = Tracklets(config, EARLIER_FRAMES)
-    for frame in range(6):
-        speeds = (4.0, 4.0, 1.5, 1.5)
-        add(tracklets, frame, *(moving(i, frame, speed) for i, speed in enumerate(speeds)))
-        earlier, later = tracklets.pairs(span=4)
-        assert len(earlier) == len(later)
-        assert (len(later) > 0) == (frame >= begins)
-        taken = tracklets.take(later.landmark)
-        if frame == begins:  # nothing of what came before is lost
-            assert len(taken) == len(later) * (frame + 1)
-
-
-def segments_of_one_that_moves(tracklets: Tracklets, frames: range, late: float = 0.0) -> list[int]:
-    """Return the numbers of segments of clusters in which one of four landmarks moves."""
-    counts = []
-    for frame in frames:
-        still = [moving(landmark, frame, 0.1) for landmark in range(5, 8)]
-        add(tracklets, frame, moving(4, frame), *still, late=late)
-        counts.append(len(tracklets.pairs(span=4)[1]))
-    return counts
-
-
-def test_what_moves_is_not_waited_for_longer_than_patience() -> None:
-    """Clusters last 1/8 s, and the landmark is fast enough from the third one on."""
-    waiting = CONFIG.model_copy(update={"first_share": 0.5})
-    for config in (CONFIG, waiting):
-        tracklets = Tracklets(config, EARLIER_FRAMES)
-        assert segments_of_one_that_moves(tracklets, range(4)) == [0, 0, 1, 1]
-    assert PATIENCE < 3 / 8
-
-
-def test_a_break_is_a_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gpvo.tracking.tracklets.PATIENCE", 0.5)
-    tracklets = Tracklets(CONFIG.model_copy(update={"first_share": 0.5}), EARLIER_FRAMES)
-    for frame in range(3):
-        add(tracklets, frame, *(moving(landmark, frame) for landmark in range(4)))
-        tracklets.take(tracklets.pairs(span=4)[1].landmark)
-    late = 2 * BREAK
-    assert segments_of_one_that_moves(tracklets, range(3, 8), late) == [0, 0, 0, 0, 1]

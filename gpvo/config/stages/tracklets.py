@@ -27,29 +27,17 @@ class TrackletConfig(StageConfig):
         "What is far tells the rotation, and holds the path of a small baseline. 2 in the paper.",
     )
     min_length: float = Field(
-        default=2.0, ge=0, description="Smallest image motion, tracked pixels."
+        default=0.0,
+        ge=0,
+        description="Smallest image motion, tracked pixels; 2 in the paper. Matches are right to "
+        "a tenth of a pixel, and a landmark that hardly moves says as much as others.",
     )
     min_duration: float = Field(
         default=0.015, ge=0, description="Shortest duration, seconds; 0.04 in the paper."
-    )
-    rest_duration: float = Field(
-        default=0.4,
-        ge=0,
-        description="Duration from which a tracklet passes however short it is, seconds: the "
-        "camera hardly moves; 0 for never, as in the paper.",
-    )
-    first_share: float = Field(
-        default=0.5,
-        ge=0,
-        le=1,
-        description="Share of the landmarks seen again that must pass these filters before the "
-        "motion begins to be estimated, in the first 0.2 seconds: those that pass first may move "
-        "by themselves. 0 begins with any, as in the paper.",
     )
     history: int = Field(
         default=10,
         ge=2,
         le=1_000_000,
-        description="Clusters that tracklets are remembered for; in slow motion they take long to "
-        "reach `min_length`.",
+        description="Clusters that tracklets are remembered for.",
     )
