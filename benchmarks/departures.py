@@ -60,10 +60,7 @@ DEPARTURES: dict[str, tuple[str, ...]] = {
     "tracklets of 40 ms": ("tracklets.min_duration",),
     "no threshold in pixels": ("mc_ransac.pixel_threshold", "mc_ransac.disparity_tolerance"),
     "all samples drawn, refined once": ("mc_ransac.confidence", "mc_ransac.refinements"),
-    "nothing moves by itself": (
-        "mc_ransac.track_record",
-        "tracking.klt.crowding",
-    ),
+    "nothing moves by itself": ("mc_ransac.track_record", "tracking.klt.crowding"),
     "window without memory": ("estimator.method",),
     "fixed noise": (
         "noise.measurement_information",

@@ -133,7 +133,7 @@ def compare(
     return Comparison(
         sequence,
         [_evaluated(contender, protocol) for contender in aligned],
-        protocol.describe(contenders),
+        protocol.describe(aligned),
         offsets,
         weak_stretches(first.trajectory) if isinstance(first, ContinuousPoses) else [],
         list(published),

@@ -11,6 +11,7 @@ from gpvo.config import (
     Configuration,
     NoiseConfig,
     StageConfig,
+    TrackletConfig,
     for_camera,
     in_full_pixels,
     in_tracked_pixels,
@@ -85,10 +86,12 @@ def changed(a: StageConfig, b: StageConfig, path: str = "") -> dict[str, float]:
 
 
 def test_lengths_of_the_sensor_are_twice_those_at_half_its_resolution() -> None:
-    configuration = tracked_at(2)
+    tracklets = TrackletConfig(min_length=2.0)
+    configuration = tracked_at(2).model_copy(update={"tracklets": tracklets})
     assert changed(configuration, in_full_pixels(configuration)) == {
         "tracklets.time_radius": 2,
         "tracklets.min_disparity": 2,
+        "tracklets.min_length": 2,
         "mc_ransac.pixel_threshold": 2,
         "mc_ransac.disparity_tolerance": 2,
         "noise.measurement_information": 1 / 4,

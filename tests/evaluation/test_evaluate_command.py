@@ -358,6 +358,15 @@ def test_all_can_be_compared_over_the_time_that_all_cover(sequence, random_walk)
     assert lost.to_dict() | {"coverage": early.coverage} == early.to_dict()
 
 
+@pytest.mark.parametrize("common_time", [False, True])
+def test_gaps_of_the_truth_outside_the_common_time_are_not_mentioned(random_walk, common_time):
+    known = np.r_[0:180, 250:300]
+    truth, estimate = random_walk(1, 300)[known], random_walk(2, 300)
+    contenders = [Contender("whole", estimate, truth), Contender("early", estimate[:150], truth)]
+    comparison = compare("walk", contenders, Protocol(common_time=common_time))
+    assert ("the ground truth's gaps" in comparison.conditions) != common_time
+
+
 def test_estimates_without_a_common_time_are_named(sequence, random_walk):
     write_tum(sequence / "first.txt", random_walk(2, 300)[:100])
     write_tum(sequence / "last.txt", random_walk(2, 300)[200:])
