@@ -90,7 +90,8 @@ VARIANTS = (
 def track(known: KnownRecording, image: str) -> Tracked:
     """Clusters and what the tracker sees in their images, once for all variants."""
     config = Configuration.model_validate(BASE)
-    tracker = MultiResolutionTracker(config.tracking.model_copy(update={"image": image}))
+    tracking = config.tracking.model_copy(update={"image": image})
+    tracker = MultiResolutionTracker(tracking, known.recording.rig.stereo_camera)
     batches = known.recording.event_batches(known.start, known.start + known.duration)
     clusters = Clustering(known.recording.rig, config.clustering).clusters(batches)
     return [(cluster, tracker.track(cluster)) for cluster in clusters]
@@ -109,8 +110,7 @@ def grouped(cluster: StereoCluster) -> StereoCluster:
 
 def run(recording: Recording, tracked: Tracked, variant: Variant) -> tuple[Trajectory, int]:
     """The trajectory and the median number of inliers."""
-    config, rig = variant.configuration, recording.rig
-    camera = StereoCamera(rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline)
+    config, camera = variant.configuration, recording.rig.stereo_camera
     tracklets = Tracklets(config.tracklets, config.tracking.earlier_frames)
     estimator = make_estimator(camera, config.noise, config.estimator)
     rng, counts = np.random.default_rng(config.seed), []

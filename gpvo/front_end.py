@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from factors import StereoCamera
 from gpvo.config import Configuration, for_camera, in_full_pixels
 from gpvo.events import Clustering, ImageMotion, StereoCluster
 from gpvo.mc_ransac import (
@@ -98,9 +97,7 @@ class FrontEnd:
         tracker: Tracker | None = None,
         stage: Callable[[str], AbstractContextManager[Any]] = nullcontext,
     ) -> None:
-        self.camera = StereoCamera(
-            rig.focal_length, rig.focal_length, *rig.principal_point, rig.baseline
-        )
+        self.camera = rig.stereo_camera
         self.configuration = for_camera(configuration, rig.left.resolution, rig.focal_length)
         full = in_full_pixels(self.configuration)
         self.noise = full.noise

@@ -48,10 +48,10 @@ class MultiResolutionTracker:
     """The configured image tracker at one or more resolutions, run independently.
 
     Positions are full-resolution pixels. `motion` knows the velocity of the latest cluster; patches
-    are warped by it, if the camera is known.
+    are warped by it.
     """
 
-    def __init__(self, config: TrackingConfig, camera: StereoCamera | None = None) -> None:
+    def __init__(self, config: TrackingConfig, camera: StereoCamera) -> None:
         self.motion = EgoMotion()
         self._trackers = [
             _ResolutionTracker(config, side, camera) for side in config.resolutions or (1,)
@@ -88,11 +88,11 @@ class _ResolutionTracker:
     the events of both are to be moved: if that is far, they are tracked again with sharp pictures.
     """
 
-    def __init__(self, config: TrackingConfig, side: int, camera: StereoCamera | None) -> None:
+    def __init__(self, config: TrackingConfig, side: int, camera: StereoCamera) -> None:
         self._side, self._image = side, config.image
         self._tracker: KltTracker | Viso2Tracker
         if config.tracker == "klt":
-            self._tracker = KltTracker(config, camera and camera_of_pixels(camera, side))
+            self._tracker = KltTracker(config, camera_of_pixels(camera, side))
         else:
             self._tracker = Viso2Tracker(config)
         self._compensation = MotionCompensation(

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from front_end_scenes import HEIGHT, WIDTH, Texture
+from front_end_scenes import CAMERA, HEIGHT, WIDTH, Texture
 from numpy.typing import NDArray
 from shown_events import shown
 
@@ -39,7 +39,7 @@ def events(number: int, speed: float, shift: float) -> ClusterEvents:
 
 
 def track(speed: float) -> list[Observations]:
-    tracking = MultiResolutionTracker(TrackingConfig(resolutions=(1,)))
+    tracking = MultiResolutionTracker(TrackingConfig(resolutions=(1,)), CAMERA)
     return [
         tracking.track(
             StereoCluster(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from front_end_scenes import MovingPlane, Texture, random_grey, track
+from front_end_scenes import CAMERA, MovingPlane, Texture, random_grey, track
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -97,7 +97,7 @@ def test_row_gradient_is_the_slope_along_the_row(slope: int) -> None:
 
 def tracked(**fields: float) -> Observations:
     config = KltConfig.model_validate({"max_features": 500, **fields})
-    tracker = KltTracker(TrackingConfig(klt=config))
+    tracker = KltTracker(TrackingConfig(klt=config), CAMERA)
     return Observations.concatenate([track(tracker, *PLANE.images(k)) for k in range(2)])
 
 

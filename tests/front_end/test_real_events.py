@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from factors import StereoCamera
 from gpvo import Odometry, open_recording
 from gpvo.config import TrackingConfig
 from gpvo.events import ClusterEvents, StereoCluster
@@ -24,6 +25,8 @@ SHARED = Path(__file__).resolve().parents[3] / "shared"
 SLICE = SHARED / "real" / "mvsec_indoor_flying1_slice" / "semi_synthetic_data.hdf5"
 CALIBRATION = SHARED / "recordings" / "camchain-imucam-indoor_flying.yaml"
 BOX = SHARED / "real" / "emp_stereo" / "box1.txt"
+BOX_CAMERA = StereoCamera(200.0, 200.0, 119.5, 89.5, 0.1)
+"""About: it is not known, and matters little where nothing is known of the motion."""
 ANGULAR, LINEAR = (0.014, 0.155, 0.018), (0.084, -0.087, -0.092)
 """Velocities near the middle, rad/s and m/s, from the description of the data."""
 
@@ -61,7 +64,7 @@ def box_clusters(window: float) -> Iterator[tuple[StereoCluster, NDArray[np.floa
 
 def box_disparity_errors(tracking: TrackingConfig, window: float = 0.1) -> NDArray[np.float64]:
     """Compute the disparity errors, where the truth is the median of the events within 7 pixels."""
-    tracker, errors, truths = MultiResolutionTracker(tracking), [np.empty(0)], []
+    tracker, errors, truths = MultiResolutionTracker(tracking, BOX_CAMERA), [np.empty(0)], []
     for cluster, truth_now in box_clusters(window):
         truths.append(truth_now)
         found = tracker.track(cluster)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from front_end_scenes import WIDTH, random_binary, random_grey, track, window
+from front_end_scenes import CAMERA, WIDTH, random_binary, random_grey, track, window
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -50,7 +50,7 @@ def test_features_are_matched_at_any_disparity(shift: int) -> None:
     """Up to a third of the image's width, exactly where both images show the whole patch."""
     assert shift <= FARTHEST * WIDTH
     image = random_binary(4)
-    tracker = KltTracker(TrackingConfig())
+    tracker = KltTracker(TrackingConfig(), CAMERA)
     left, right = window(image, 0, 0), window(image, -shift, 0)
     seen = track(tracker, left, right)
     tracker.follow(left, right)  # its report says how many there were

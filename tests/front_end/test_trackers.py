@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from front_end_scenes import (
+    CAMERA,
     FRAME,
     HEIGHT,
     WIDTH,
@@ -21,6 +22,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from shown_events import of_surface, shown
 
+from factors import StereoCamera
 from gpvo.config import TrackingConfig
 from gpvo.config.stages import KltConfig
 from gpvo.events import ClusterEvents, StereoCluster
@@ -38,6 +40,8 @@ TWISTS = {
     "ahead": np.array([0, 0, 0, 0, 0, 0.03]),
     "turn": np.array([0.004, -0.01, 0.02, 0.01, 0, 0.01]),
 }
+TWICE = StereoCamera(400.0, 400.0, 240.5, 180.5, CAMERA.baseline)
+"""The camera of the scenes with pixels half as wide."""
 PLANES = {name: MovingPlane(Texture(7), twist) for name, twist in TWISTS.items()}
 
 
@@ -66,7 +70,7 @@ def track(
     tracker: str, motion: str, resolutions: tuple[int, ...] = (1, 2), blank: int | None = None
 ) -> Observations:
     """Return all observations of a moving plane; frame `blank` shows nothing."""
-    tracking = MultiResolutionTracker(configuration(tracker, resolutions=resolutions))
+    tracking = MultiResolutionTracker(configuration(tracker, resolutions=resolutions), CAMERA)
     parts = []
     for frame in range(FRAMES):
         parts.append(tracking.track(cluster(motion, frame, frame == blank)))
@@ -74,7 +78,7 @@ def track(
 
 
 def test_features_are_given_up_at_once_the_newest_first() -> None:
-    tracking = MultiResolutionTracker(configuration("klt", resolutions=(1,)))
+    tracking = MultiResolutionTracker(configuration("klt", resolutions=(1,)), CAMERA)
 
     def followed(frame: int) -> list[int]:
         seen = tracking.track(cluster("side", frame))
@@ -105,7 +109,7 @@ def test_frames_that_are_farther_apart_have_more_features() -> None:
     klt = {"usual_features": 40, "max_features": 160, "feature_rate": 160 / (4 * FRAME)}
 
     def followed(apart: int, spacing: float = 1.0) -> int:
-        tracking = MultiResolutionTracker(configuration("klt", resolutions=(1,), klt=klt))
+        tracking = MultiResolutionTracker(configuration("klt", resolutions=(1,), klt=klt), CAMERA)
         tracking.limit_features(1.0, spacing)
         frames = [apart * i for i in range(4)]
         seen = [tracking.track(cluster("ahead", frame)) for frame in frames][-1]
@@ -201,9 +205,10 @@ def test_half_the_resolution_of_a_picture_twice_as_large_is_the_picture(image: s
     """
     small, large = (
         MultiResolutionTracker(
-            configuration("klt", image=image, resolutions=(side,), compensation={"density": None})
+            configuration("klt", image=image, resolutions=(side,), compensation={"density": None}),
+            camera,
         )
-        for side in (1, 2)
+        for side, camera in ((1, CAMERA), (2, TWICE))
     )
     frames: list[int] = []
     for frame in range(3):
@@ -229,7 +234,7 @@ def test_half_the_resolution_of_a_picture_twice_as_large_is_the_picture(image: s
 
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_the_report_counts_what_was_found(tracker: str) -> None:
-    tracking = MultiResolutionTracker(configuration(tracker, resolutions=(1, 2)))
+    tracking = MultiResolutionTracker(configuration(tracker, resolutions=(1, 2)), CAMERA)
     before = TrackingReport(0, 0, 0, 0)
     for frame in range(3):
         seen, report = tracking.track(cluster("side", frame)), tracking.report
@@ -262,7 +267,7 @@ def test_a_cluster_without_events_is_no_error(tracker: str, blank: int) -> None:
 
 def test_landmarks_do_not_come_back_in_another_scene() -> None:
     """A few of their patches match there by chance."""
-    tracking = MultiResolutionTracker(configuration("klt", resolutions=(1,)))
+    tracking = MultiResolutionTracker(configuration("klt", resolutions=(1,)), CAMERA)
     other = MovingPlane(Texture(8), TWISTS["side"])
     others = (cluster_of(*other.images(frame), FRAME * frame) for frame in (2, 3))
     clusters = [cluster("side", 0), cluster("side", 0, blank=True), *others]
@@ -292,7 +297,7 @@ def test_descriptor_tracker_forgets_landmarks_out_of_reach() -> None:
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_swapped_cameras_have_no_landmarks(tracker: str) -> None:
     """A negative disparity is never a match, so only chance matches are left."""
-    tracking = MultiResolutionTracker(configuration(tracker))
+    tracking = MultiResolutionTracker(configuration(tracker), CAMERA)
     found = 0
     for frame in range(3):
         shown = cluster("side", frame)

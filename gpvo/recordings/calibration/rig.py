@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from factors import StereoCamera
 from gpvo.errors import InputError, require_choice
 
 DistortionModel = Literal["equidistant", "radtan", "none"]
@@ -106,6 +107,12 @@ class StereoRig:
         """(3, 3) intrinsics of both rectified cameras."""
         f, (cx, cy) = self.focal_length, self.principal_point
         return np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def stereo_camera(self) -> StereoCamera:
+        """Intrinsics of the rectified pair, as the factors take them."""
+        f = self.focal_length
+        return StereoCamera(f, f, *self.principal_point, self.baseline)
 
     @cached_property
     def tables(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -43,13 +43,10 @@ class LastSights(ArrayTable):
 
 
 class LostLandmarks:
-    """The landmarks that were lost last, `size` at most; none if the camera is unknown.
+    """The landmarks that were lost last, `size` at most; `last` are their last sights."""
 
-    `last` are their last sights.
-    """
-
-    def __init__(self, size: int, camera: StereoCamera | None) -> None:
-        self._size, self._camera = size if camera is not None else 0, camera
+    def __init__(self, size: int, camera: StereoCamera) -> None:
+        self._size, self._camera = size, camera
         self.last: LastSights | None = None
         self._first_new: deque[int] = deque(maxlen=FRAMES)
 
@@ -75,7 +72,7 @@ class LostLandmarks:
 
         None if there are none.
         """
-        if self._camera is None or self.last is None:
+        if self.last is None:
             return None
         there = predict(self._camera, frame.T_start_cam, self.last.sights)
         height, width = frame.left_image.image.shape

@@ -35,7 +35,7 @@ from gpvo.tracking.klt.row_search import search_rows
 from gpvo.tracking.klt.surfaces import LEAST_DISPARITY, fit_surfaces, match_on_surfaces
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.report import TrackingReport
-from gpvo.tracking.sights import UPRIGHT, predict, slopes, warp
+from gpvo.tracking.sights import predict, slopes, warp
 
 Image = NDArray[np.uint8]
 Points = NDArray[np.float32]
@@ -64,11 +64,13 @@ NO_VARIANCES = np.empty((0, 3))
 class KltTracker:
     """Tracker of the features of one resolution; see `gpvo.tracking.Tracker`.
 
+    The camera is in pixels of this resolution.
+
     Attributes
     ----------
     T_start_cam
-        (4, 4) pose of the frame that comes next, by the motion so far. Patches are warped by it, if
-        the camera (in pixels of this resolution) is known. After a gap it is found anew.
+        (4, 4) pose of the frame that comes next, by the motion so far. Patches are warped by it.
+        After a gap it is found anew.
     noise_share
         Share of the events in the pictures of the frame that comes next that are noise.
     interval
@@ -78,7 +80,7 @@ class KltTracker:
         What became of the features of the latest frame.
     """
 
-    def __init__(self, config: TrackingConfig, camera: StereoCamera | None = None) -> None:
+    def __init__(self, config: TrackingConfig, camera: StereoCamera) -> None:
         self._config, self._features, self._camera = config.klt, config.features, camera
         self._previous: Frame | None = None
         self._variances, self._precision = NO_VARIANCES, MatchPrecision()
@@ -175,15 +177,14 @@ class KltTracker:
         self, frame: Frame, landmark: NDArray[np.int64], left: Points, right: Points
     ) -> Frame:
         """Return a frame with landmarks seen first in it, at left and right points (N, 2)."""
-        if self._camera is None or not self._config.slopes:
+        if not self._config.slopes:
             return frame.anchored(landmark, left, right)
-        focal_length = self._camera.parameters[0]
-        right, slope = fit_surfaces(*frame.images, left, right, focal_length)
+        right, slope = fit_surfaces(*frame.images, left, right, self._camera.fx)
         return frame.anchored(landmark, left, right, slope)
 
     def _on_surfaces(self, frame: Frame) -> Frame:
         """Match left and right again, on the surfaces of the landmarks' anchors."""
-        if self._camera is None or not self._config.slopes:
+        if not self._config.slopes:
             return frame
         slope = slopes(self._camera, frame.T_start_cam, frame.anchors.sights)
         right = match_on_surfaces(*frame.images, frame.left, frame.right, slope)
@@ -191,8 +192,6 @@ class KltTracker:
 
     def _predicted(self, previous: Frame, frame: Frame) -> tuple[Points, Points]:
         """Where the motion takes the left and right pixels (N, 2) of the previous frame."""
-        if self._camera is None:
-            return previous.left, previous.right
         there = predict(self._camera, frame.T_start_cam, previous.sights)
         ahead, left = np.isfinite(there[:, :1]), there[:, :2].astype(np.float32)
         return (
@@ -214,7 +213,7 @@ class KltTracker:
         """Find lost landmarks wherever they are now, and the pose with them."""
         found = self._in_stereo(self._detect(frame, self._room(frame)), frame)
         features, lost = frame.joined(found), self._lost.last
-        if self._camera is None or lost is None or len(features.landmark) < FEW:
+        if lost is None or len(features.landmark) < FEW:
             return frame
         self._relocations -= 1
         T = relocated_pose(self._camera, features, lost, self._config.anchor_correlation)
@@ -256,8 +255,6 @@ class KltTracker:
 
     def _warps(self, frame: Frame, anchors: Anchors) -> NDArray[np.float64]:
         """Warps (N, 3, 2) from the anchors' images to the frame."""
-        if self._camera is None:
-            return np.tile(UPRIGHT, (len(anchors), 1, 1))
         return warp(self._camera, frame.T_start_cam, anchors.sights)
 
     def _detect(self, frame: Frame, count: int) -> Points:
@@ -293,8 +290,8 @@ class KltTracker:
 
         The first ones are spread, as nothing is known of the motion.
         """
-        first = self._camera is None or not len(frame.landmark)
-        return int((1.0 if first else self._config.candidates) * self._room(frame))
+        more = self._config.candidates if len(frame.landmark) else 1.0
+        return int(more * self._room(frame))
 
     def _in_stereo(self, left: Points, frame: Frame) -> Frame:
         """Make landmarks of the left features (N, 2) that have a match in the right image."""
@@ -311,7 +308,7 @@ class KltTracker:
         Those that tell most of the pose beside its landmarks.
         """
         room = self._room(frame)
-        if self._camera is None or len(left) <= room:
+        if len(left) <= room:
             return left, guess
         known, T_before_now = frame.sights.measured, se3_inverse(self._T_before) @ frame.T_start_cam
         disparity = np.maximum(left[:, 0] - guess[:, 0], LEAST_DISPARITY)
