@@ -35,3 +35,10 @@ def require_choice(argument: str, value: object, choices: Any) -> None:
     names = get_args(choices)
     if value not in names:
         raise InputError(f"{argument} {value}: is unknown; choose one of {', '.join(names)}")
+
+
+def require_type(argument: str, value: object, kind: type, maker: str) -> None:
+    """Raise InputError unless the value of an argument is of a kind, which `maker` makes."""
+    if not isinstance(value, kind):
+        given = type(value).__name__
+        raise InputError(f"{argument}: must be a {kind.__name__}, not {given}; use {maker}")

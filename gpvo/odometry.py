@@ -11,7 +11,7 @@ import numpy as np
 
 from gpvo.cluster_report import ClusterReport
 from gpvo.config import Configuration
-from gpvo.errors import InputError
+from gpvo.errors import InputError, require_type
 from gpvo.estimator import Estimator, GatheredMeasurements, make_estimator, one_blas_thread
 from gpvo.events import StereoCluster
 from gpvo.faults import Fault, FaultWatch
@@ -45,6 +45,11 @@ class Odometry:
         Of the clusters that were estimated.
     tracked_until
         End of the newest cluster that was tracked, seconds.
+
+    Raises
+    ------
+    InputError
+        If the rig or the configuration is something else, such as a path.
     """
 
     def __init__(
@@ -57,11 +62,14 @@ class Odometry:
         observer: Observer = no_observer,
         watcher: Observer = no_observer,
     ) -> None:
+        configuration = Configuration() if configuration is None else configuration
+        require_type("rig", rig, StereoRig, "read_calibration(path) or recording.rig")
+        require_type("configuration", configuration, Configuration, "load_configuration(path)")
         self.reports: list[ClusterReport] = []
         self.tracked_until = 0.0
         self._stage, self._observer, self._watcher = stage, observer, watcher
         self._watch, self._unwatched = FaultWatch(rig), list[StereoEvents | None]()
-        self._front_end = FrontEnd(rig, configuration or Configuration(), tracker, stage)
+        self._front_end = FrontEnd(rig, configuration, tracker, stage)
         self.configuration = self._front_end.configuration
         self.camera = self._front_end.camera
         config = self.configuration.estimator

@@ -60,7 +60,8 @@ class LiveOdometry:
     Raises
     ------
     InputError
-        If the offset or the patience is not a time, or too long.
+        If the offset or the patience is not a time, or too long, or the rig or the configuration is
+        something else, such as a path.
     """
 
     def __init__(

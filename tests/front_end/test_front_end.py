@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import PurePosixPath
 
 import numpy as np
 import pytest
 
-from gpvo import Odometry
+from gpvo import InputError, LiveOdometry, Odometry
 from gpvo.config import Configuration
 from gpvo.evaluation.front_end.inspect import inspect
 from gpvo.evaluation.front_end.truth import truth_of_simulation
@@ -45,6 +47,16 @@ def test_inspection_sees_what_the_odometry_does(recording: SimulatedRecording) -
     assert [(len(c.tracklets), c.tracklets.accepted.sum()) for c in seen] == [
         (r.tracklets, r.inliers) for r in odometry.reports
     ]
+
+
+@pytest.mark.parametrize("make", [Odometry, LiveOdometry])
+def test_paths_are_no_rig_and_no_configuration(
+    make: Callable[..., object], recording: SimulatedRecording
+) -> None:
+    with pytest.raises(InputError, match=r"rig: must be a StereoRig, not str; use read_cal"):
+        make("camchain.yaml")
+    with pytest.raises(InputError, match="must be a Configuration, not PurePosixPath"):
+        make(recording.rig, PurePosixPath("config.yaml"))
 
 
 class Wrapped:
