@@ -1,6 +1,6 @@
 """One configuration in the order of the stages, and the YAML file that it is read from."""
 
-from gpvo.config.automatic import for_camera, in_full_pixels, in_tracked_pixels
+from gpvo.config.automatic import for_camera, in_full_pixels, in_tracked_pixels, with_drift
 from gpvo.config.presets import PRESETS
 from gpvo.config.stages import (
     ClusteringConfig,
@@ -34,4 +34,5 @@ __all__ = [
     "in_tracked_pixels",
     "load_configuration",
     "load_fields",
+    "with_drift",
 ]

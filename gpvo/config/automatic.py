@@ -21,6 +21,8 @@ LARGE = 640 * 480
 """Pixels up to which a sensor is tracked at its full resolution."""
 PATCH_SHARE = 1.8
 """Side of a patch over the square root of the focal length, both in tracked pixels."""
+DRIFT_SHARE = 1 / 15
+"""`track_drift` over the square root of the focal length, both in tracked pixels."""
 
 Powers = Mapping[str, float]
 """Fields of a stage, and the powers of a unit that they have."""
@@ -44,9 +46,11 @@ def for_camera(
     Both are in pixels of the sensor.
     """
     tracking = _at_resolution(configuration.tracking, resolution)
-    klt = _with_patch(tracking.klt, focal_length / tracking.pixel)
+    focal_length /= tracking.pixel
+    klt = _with_patch(tracking.klt, focal_length)
     tracking = tracking.model_copy(update={"klt": klt})
-    return configuration.model_copy(update={"tracking": tracking})
+    noise = with_drift(configuration.noise, focal_length)
+    return configuration.model_copy(update={"tracking": tracking, "noise": noise})
 
 
 def _at_resolution(tracking: TrackingConfig, resolution: tuple[int, int]) -> TrackingConfig:
@@ -76,6 +80,18 @@ def _with_patch(klt: KltConfig, focal_length: float) -> KltConfig:
     return klt.model_copy(update={"patch_size": max(side, 5)})
 
 
+def with_drift(noise: NoiseConfig, focal_length: float) -> NoiseConfig:
+    """Choose how far tracks move on their landmarks, for a focal length in tracked pixels.
+
+    By a part of a patch, whose best side is as the square root of the focal length. On simulated
+    recordings of 2 to 20 s the NEES of poses is nearest to one with 0.7 pixels at a focal length of
+    157, 1.0 at 226 and 1.5 at 420 and 640.
+    """
+    if noise.track_drift is not None:
+        return noise
+    return noise.model_copy(update={"track_drift": DRIFT_SHARE * sqrt(focal_length)})
+
+
 def in_full_pixels(configuration: Configuration) -> Configuration:
     """Return the configuration with lengths in pixels of the sensor instead of tracked ones."""
     side = configuration.tracking.pixel
@@ -95,6 +111,7 @@ def scaled(stage: Stage, powers: Powers, unit: float) -> Stage:
     values: dict[str, Any] = {}
     for name, power in powers.items():
         value = getattr(stage, name)
-        many = isinstance(value, tuple)
-        values[name] = tuple(v * unit**power for v in value) if many else value * unit**power
+        if value is not None:
+            many = isinstance(value, tuple)
+            values[name] = tuple(v * unit**power for v in value) if many else value * unit**power
     return stage.model_copy(update=values)

@@ -8,7 +8,7 @@ from typing import Any
 AUTO: dict[str, Any] = {
     "noise": {
         "measurement_information": [4.0, 4.0, 7.0],
-        "track_drift": 1.0,
+        "track_drift": None,
         "motion_memory": 0.5,
         "acceleration_memory": 6.0,
         "measurement_memory": 5.0,

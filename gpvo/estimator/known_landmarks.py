@@ -64,4 +64,5 @@ def track_drift(noise: NoiseConfig, change: Array) -> Array:
 
     Both pictures of a contour move alike, so that its disparity drifts by a share.
     """
+    assert noise.track_drift is not None  # the smoother chose it by its camera
     return noise.track_drift * np.sqrt(change)[:, None] * [1.0, 1.0, noise.disparity_drift]

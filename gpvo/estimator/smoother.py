@@ -11,7 +11,7 @@ from factors.checks import checked_key, checked_number, key_name
 from factors.inner_factor import InnerFactor
 from factors.lie import se3_inverse
 from factors.stereo import Camera, as_camera
-from gpvo.config.stages import EstimatorConfig, NoiseConfig
+from gpvo.config import EstimatorConfig, NoiseConfig, with_drift
 from gpvo.estimator.blas_threads import one_blas_thread
 from gpvo.estimator.dead_reckoning import ENOUGH, DeadReckoning
 from gpvo.estimator.diagnostics import BEFORE_WINDOW, Diagnostic, left_out, split_usable
@@ -70,7 +70,9 @@ class FixedLagSmoother:
     ) -> None:
         self.diagnostics: list[Diagnostic] = []
         self._config = config or EstimatorConfig()
-        self._build = GraphBuilder(as_camera(camera), noise or NoiseConfig(), self._config)
+        camera = as_camera(camera)
+        noise = with_drift(noise or NoiseConfig(), camera.fx)
+        self._build = GraphBuilder(camera, noise, self._config)
         self._initial = initial or InitialState.at_origin(self._build.noise)
         self._has_world = initial is not None
         self._learned = LearnedNoise(self._build.noise)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from factors import StereoCamera
 from gpvo.config import (
     Configuration,
     NoiseConfig,
@@ -17,6 +18,7 @@ from gpvo.config import (
     in_tracked_pixels,
 )
 from gpvo.config.stages import LARGEST_PATCH, KltConfig
+from gpvo.estimator import FixedLagSmoother
 from gpvo.front_end import FrontEnd
 from gpvo.simulation import SimulationConfig
 
@@ -41,7 +43,9 @@ def test_large_sensors_are_tracked_at_half_their_resolution(size: tuple[int, int
     assert for_camera(found, size, FOCAL_LENGTH) == found
     klt = found.tracking.klt.model_copy(update={"patch_size": None})
     tracking = found.tracking.model_copy(update={"resolutions": None, "klt": klt})
-    assert found.model_copy(update={"tracking": tracking}) == Configuration()
+    noise = found.noise.model_copy(update={"track_drift": None})
+    found = found.model_copy(update={"tracking": tracking, "noise": noise})
+    assert found == Configuration()
 
 
 def patch(focal_length: float, size: tuple[int, int] = (346, 260)) -> int:
@@ -85,9 +89,28 @@ def changed(a: StageConfig, b: StageConfig, path: str = "") -> dict[str, float]:
     return found
 
 
+def drift(focal_length: float, size: tuple[int, int] = (346, 260), **noise: float | None) -> float:
+    given = Configuration.model_validate({"noise": noise})
+    found = in_full_pixels(for_camera(given, size, focal_length)).noise.track_drift
+    assert found is not None
+    return found
+
+
+@given(st.floats(10.0, 3000.0))
+def test_tracks_move_on_landmarks_as_the_root_of_the_focal_length(focal_length: float) -> None:
+    assert drift(225.0) == 1.0 and drift(225.0, track_drift=0.3) == 0.3
+    assert drift(4 * focal_length) == pytest.approx(2 * drift(focal_length))
+    whole, half = NoiseConfig(track_drift=None), (1280, 720)
+    smoother = FixedLagSmoother(StereoCamera(focal_length, focal_length, 0, 0, 0.1), whole)
+    assert smoother.noise.track_drift == drift(focal_length)
+    # At half the resolution the same camera has half the focal length, and pixels twice as wide.
+    assert drift(2 * focal_length, half) == pytest.approx(2 * drift(focal_length))
+
+
 def test_lengths_of_the_sensor_are_twice_those_at_half_its_resolution() -> None:
     tracklets = TrackletConfig(min_length=2.0)
-    configuration = tracked_at(2).model_copy(update={"tracklets": tracklets})
+    of_226 = for_camera(tracked_at(2), (346, 260), 226.0)
+    configuration = of_226.model_copy(update={"tracklets": tracklets})
     assert changed(configuration, in_full_pixels(configuration)) == {
         "tracklets.time_radius": 2,
         "tracklets.min_disparity": 2,

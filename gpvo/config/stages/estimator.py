@@ -31,13 +31,14 @@ class NoiseConfig(StageConfig):
         "pixel^-2: what `gpvo tune-noise` learns of patches on motion-compensated images. The "
         "paper's features have (0.5, 0.5, 0.1).",
     )
-    track_drift: float = Field(
+    track_drift: float | None = Field(
         default=0.25,
         ge=0,
         description="Standard deviation of what a track moves on its landmark where the look of "
         "that changes by one, tracked pixels: the image motion turns by 60 degrees (by two: is "
-        "reversed), or the landmark comes e times nearer. The variance grows with the change. 0 "
-        "takes a landmark for a point, as the paper and batch do.",
+        "reversed), or the landmark comes e times nearer. The variance grows with the change. "
+        "null: a fifteenth of the root of the focal length, both in tracked pixels. 0 takes a "
+        "landmark for a point, as the paper and batch do.",
     )
     disparity_drift: float = Field(
         default=0.2,
