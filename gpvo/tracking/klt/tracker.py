@@ -202,12 +202,18 @@ class KltTracker:
     def _kept(self, followed: Frame) -> Frame:
         """Keep what was followed, unless it may be by chance: then all is lost, and remembered."""
         previous, count = self._previous, len(followed.landmark)
-        if previous is None or count >= min(FEW, CHANCE * len(previous.landmark)):
+        if previous is None or count >= self._least(len(previous.landmark)):
             return followed
         nothing = followed.select(np.zeros(count, bool))
         self._lost.follow(previous, nothing, self._landmark_count)
         self._previous, self._relocations = nothing, RELOCATED
         return nothing
+
+    def _least(self, known: int) -> float:
+        """Return how many of so many known features are not alike by chance."""
+        if self.report.closed == 0 and self._relocations == 0:  # they are new: none was lost
+            return min(1, known)
+        return min(FEW, CHANCE * known)
 
     def _relocated(self, frame: Frame) -> Frame:
         """Find lost landmarks wherever they are now, and the pose with them."""
