@@ -8,6 +8,9 @@ from gpvo.events import StereoCluster
 from gpvo.front_end import TrackedCluster
 from gpvo.tracking import TrackingReport
 
+FEW = 6
+"""Number of inliers below which a cluster hardly measures the motion: twice the smallest sample."""
+
 
 @dataclass(frozen=True)
 class ClusterReport:
@@ -68,6 +71,11 @@ class ClusterReport:
     def at_rest(self) -> bool:
         """Nothing moved in the cluster."""
         return self.tracking is not None and self.tracking.at_rest
+
+    @property
+    def hardly_measures(self) -> bool:
+        """Something moved, and fewer than FEW tracklets agree on how."""
+        return self.inliers < FEW and not self.at_rest
 
     @staticmethod
     def of(cluster: StereoCluster, tracked: TrackedCluster) -> ClusterReport:

@@ -21,24 +21,24 @@ EARLY = 1.0
 
 
 def is_lost(reports: Sequence[ClusterReport]) -> bool:
-    """Return whether most clusters have no inliers, although something moves."""
-    return 2 * len(_without_inliers(reports)) > len(reports)
+    """Return whether most clusters have hardly any inliers, although something moves."""
+    return 2 * len(_lost(reports)) > len(reports)
 
 
 def lost_stage(reports: Sequence[ClusterReport]) -> str:
-    """Find the first stage of clusters without inliers that has little left; say it in one line.
+    """Find the first stage of clusters with few inliers that has little left; say it in one line.
 
     The numbers are medians over these clusters.
     """
-    lost = _without_inliers(reports)
+    lost = _lost(reports)
     if not lost:
         return _nothing_lost(reports)
     stages = _stages(lost)
     first = next((stage for stage in stages if stage.is_few), stages[-1])
     seen = ", ".join(stage.seen for stage in stages[: stages.index(first) + 1])
     return (
-        f"{len(lost)} of {len(reports)} clusters of events have no inliers; per cluster (median):"
-        f" {seen}; {first.advice}"
+        f"{len(lost)} of {len(reports)} clusters of events have hardly any inliers; per cluster"
+        f" (median): {seen}; {first.advice}"
     )
 
 
@@ -53,8 +53,8 @@ def _nothing_lost(reports: Sequence[ClusterReport]) -> str:
     )
 
 
-def _without_inliers(reports: Sequence[ClusterReport]) -> list[ClusterReport]:
-    return [report for report in reports if report.inliers == 0 and not report.at_rest]
+def _lost(reports: Sequence[ClusterReport]) -> list[ClusterReport]:
+    return [report for report in reports if report.hardly_measures]
 
 
 class _Stage(NamedTuple):
@@ -109,8 +109,8 @@ def _tracking(lost: Sequence[ClusterReport]) -> list[_Stage]:
 
 
 def _tracklets(lost: Sequence[ClusterReport]) -> list[_Stage]:
-    observations, out_of_bounds, too_short, tracklets = _median(
-        [(r.observations, r.out_of_bounds, r.too_short, r.tracklets) for r in lost]
+    observations, out_of_bounds, too_short, tracklets, inliers = _median(
+        [(r.observations, r.out_of_bounds, r.too_short, r.tracklets, r.inliers) for r in lost]
     )
     return [
         _Stage(f"{observations} observations", observations < FEW, "the tracker must find more"),
@@ -128,9 +128,10 @@ def _tracklets(lost: Sequence[ClusterReport]) -> list[_Stage]:
             " tracklets.history",
         ),
         _Stage(
-            "no velocity that explains them",
+            f"{inliers} that agree on one velocity",
             True,
-            f"{SAME_VIEW}, do other things than the camera move?",
+            f"{SAME_VIEW}, do other things than the camera move, are mc_ransac.relative_threshold"
+            " and mc_ransac.pixel_threshold below the noise of the tracks?",
         ),
     ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -14,8 +15,6 @@ from gpvo.faults import Fault
 from gpvo.trajectory import Trajectory
 
 Word = Literal["good", "degraded", "failed"]
-FEW = 6
-"""Number of inliers below which a cluster hardly measures the motion: twice the smallest sample."""
 SHORT = 0.25
 """Seconds of dead reckoning that the motion prior bridges well."""
 RARE = 0.05
@@ -28,7 +27,7 @@ START_UP = 0.5
 
 @dataclass(frozen=True)
 class Stretch:
-    """Seconds `start` to `stop` with fewer than FEW inliers in every cluster."""
+    """Seconds `start` to `stop` of which every cluster hardly measures the motion."""
 
     start: float
     stop: float
@@ -52,7 +51,7 @@ class Verdict:
     reasons
         What was seen, a line each; none for a good run.
     dead_reckoning
-        Share of the time with fewer than FEW inliers, from 0 to 1.
+        Share of the time with hardly any inliers, from 0 to 1.
     stretches
         Where they are.
     deviation
@@ -129,12 +128,9 @@ def _ends_early(reports: Sequence[ClusterReport], trajectory: Trajectory | None)
 
 def unmeasured(reports: Sequence[ClusterReport]) -> tuple[Stretch, ...]:
     """Return the stretches of consecutive clusters that hardly measure the motion."""
-    runs = [list(clusters) for hardly, clusters in groupby(reports, _hardly_measures) if hardly]
+    hardly_measures = attrgetter("hardly_measures")
+    runs = [list(clusters) for hardly, clusters in groupby(reports, hardly_measures) if hardly]
     return tuple(Stretch(run[0].start, run[-1].stop) for run in runs)
-
-
-def _hardly_measures(report: ClusterReport) -> bool:
-    return report.inliers < FEW and not report.at_rest
 
 
 def _reasons(

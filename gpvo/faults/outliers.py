@@ -21,7 +21,7 @@ ENOUGH = 200
 
 def many_outliers(reports: Sequence[ClusterReport]) -> Iterator[Fault]:
     """Count the outliers of the latest clusters of which the velocity is known."""
-    clusters = [report for report in latest(reports, PERIOD) if report.inliers > 0]
+    clusters = [report for report in latest(reports, PERIOD) if not report.hardly_measures]
     tracklets = sum(report.tracklets for report in clusters)
     inliers = sum(report.inliers for report in clusters)
     if tracklets < ENOUGH or inliers > (1 - MANY) * tracklets:
@@ -30,7 +30,8 @@ def many_outliers(reports: Sequence[ClusterReport]) -> Iterator[Fault]:
     yield Fault(
         "many outliers",
         reports[-1].stop - PERIOD,
-        f"{share:.0%} of the landmarks move otherwise than the camera's velocity says: does"
-        " something move by itself in view? The path may be that of what most landmarks are on",
+        f"{share:.0%} of the landmarks move otherwise than MC-RANSAC's velocity says: does"
+        " something move by itself in view, are thresholds of mc_ransac below the noise of the"
+        " tracks? The path may be that of what most landmarks are on",
         numbers={"share": share},
     )

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gpvo.cluster_report import ClusterReport
+from gpvo.cluster_report import FEW, ClusterReport
 from gpvo.faults import Fault
 from gpvo.tracking import TrackingReport
 from gpvo.trajectory import Trajectory
-from gpvo.verdict import FEW, MOSTLY, verdict
+from gpvo.verdict import MOSTLY, verdict
 
 PERIOD = 0.05
 REPORT = ClusterReport(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from gpvo import Odometry
-from gpvo.cluster_report import ClusterReport
+from gpvo.cluster_report import FEW, ClusterReport
 from gpvo.faults.outliers import ENOUGH, MANY, PERIOD, many_outliers
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 
@@ -42,8 +42,9 @@ def clusters(duration: float, tracklets: int, inliers: int) -> list[ClusterRepor
         (1.5, 100, 75, True),
         (1.5, 100, 85, False),
         (0.9 * PERIOD, 100, 75, False),
-        (1.5, round(ENOUGH * LENGTH / PERIOD) - 1, 1, False),
-        (1.5, 100, 0, False),  # there is no velocity: that is said otherwise
+        (1.5, round(ENOUGH * LENGTH / PERIOD) - 1, FEW, False),
+        (1.5, 100, FEW, True),
+        (1.5, 100, FEW - 1, False),  # hardly a velocity: that is said otherwise
     ],
 )
 def test_a_share_of_a_second_is_told(
@@ -52,7 +53,7 @@ def test_a_share_of_a_second_is_told(
     faults = list(many_outliers(clusters(duration, tracklets, inliers)))
     assert len(faults) == said
     if said:
-        assert faults[0].harms and "25% of the landmarks" in faults[0].line
+        assert faults[0].harms and f"{100 - inliers}% of the landmarks" in faults[0].line
         assert faults[0].t == pytest.approx(duration - PERIOD)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gpvo import Odometry
+from gpvo.cluster_report import FEW as FEW_INLIERS
 from gpvo.cluster_report import ClusterReport
 from gpvo.config import Configuration
 from gpvo.errors import InputError
@@ -44,14 +45,15 @@ LOST = {
     "6 observations": {"tracking": None, "observations": 6},
     "140 of them with left and right events too far apart": {"out_of_bounds": 140},
     "121 tracklets too short and 2 long enough": {"too_short": 121, "tracklets": 2},
-    "no velocity that explains them": {},
+    "0 that agree on one velocity": {},
+    "5 that agree on one velocity": {"inliers": FEW_INLIERS - 1},
 }
 
 
 @pytest.mark.parametrize("seen", LOST)
 def test_the_first_stage_with_little_left_is_said_with_its_numbers(seen: str) -> None:
     message = lost_stage([replace(GOOD, **LOST[seen])] * 3)
-    assert message.startswith("3 of 3 clusters of events have no inliers")
+    assert message.startswith("3 of 3 clusters of events have hardly any inliers")
     before, _, after = message.partition(seen)
     assert after and "\n" not in message
     # What is said afterwards is advice, and no later stage's number.
@@ -59,8 +61,8 @@ def test_the_first_stage_with_little_left_is_said_with_its_numbers(seen: str) ->
     assert before.count(";") == 1
 
 
-def test_numbers_are_medians_of_clusters_without_inliers_in_which_something_moves() -> None:
-    other = replace(GOOD, inliers=50, left_events=10**6)
+def test_numbers_are_medians_of_clusters_with_few_inliers_in_which_something_moves() -> None:
+    other = replace(GOOD, inliers=FEW_INLIERS, left_events=10**6)
     still = replace(GOOD, left_events=0, tracking=TrackingReport(0, 0, 9, 9, at_rest=True))
     lost = [replace(GOOD, left_events=events) for events in (2000, 3000, 10**5)]
     assert "3 of 6 clusters" in lost_stage([other, *lost, still, other])
@@ -155,7 +157,7 @@ def test_tracklets_that_are_too_short(room: SimulatedRecording) -> None:
 def test_few_inliers_among_tracklets(room: SimulatedRecording) -> None:
     exact = {"pixel_threshold": 0, "disparity_tolerance": 0, "relative_threshold": 1e-6}
     message = failure(room, mc_ransac=exact)
-    assert "long enough, no velocity that explains them; " in message
+    assert "long enough, 0 that agree on one velocity; " in message
 
 
 def test_it_is_said_once_after_a_second(
