@@ -120,7 +120,7 @@ class _ResolutionTracker:
         images = self._images(cluster)
         found = self._measured(self._new.result())
         if self._before is not None and self._before is not cluster:
-            tracker.interval = cluster.start - self._before.start
+            tracker.allowed.interval = cluster.start - self._before.start
         followed = self._measured(_follow(tracker, images, cluster.noise_share, motion))
         self._new = Begun(tracker.extend)
         return Observations.concatenate([found, followed])
@@ -172,7 +172,7 @@ def _follow(
     tracker: KltTracker, images: StereoImage, noise_share: float, motion: EgoMotion
 ) -> Observations:
     """Follow features to a pose, which may be found anew."""
-    tracker.T_start_cam, tracker.noise_share = motion.T_start_cam, noise_share
+    tracker.T_start_cam, tracker.stereo.noise_share = motion.T_start_cam, noise_share
     seen = tracker.follow(*images)
     if tracker.T_start_cam is not motion.T_start_cam:
         motion.relocate(tracker.T_start_cam)

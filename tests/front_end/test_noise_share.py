@@ -23,7 +23,7 @@ def noisy(image: Image, noise: float, rng: np.random.Generator) -> Image:
 def errors(noise: float, noise_share: float) -> NDArray[np.float64]:
     """Return how far from its point the landmarks are that are followed for two frames, pixels."""
     tracker, rng = KltTracker(TrackingConfig(), CAMERA), np.random.default_rng(3)
-    tracker.noise_share = noise_share
+    tracker.stereo.noise_share = noise_share
     pairs = [[noisy(one, noise, rng) for one in PLANE.images(frame)] for frame in range(3)]
     first, *_, last = (track(tracker, *pair) for pair in pairs)
     first, last = first[first.frame == 0], last[last.frame == 2]

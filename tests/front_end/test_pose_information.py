@@ -15,6 +15,7 @@ from factors.lie import se3_exp, se3_inverse
 from gpvo.config import TrackingConfig
 from gpvo.tracking.klt import KltTracker
 from gpvo.tracking.klt.frame import Frame
+from gpvo.tracking.klt.new_landmarks import NewLandmarks
 from gpvo.tracking.klt.pose_information import (
     HORIZON,
     frames_in_view,
@@ -30,18 +31,6 @@ seeds = st.integers(0, 2**32)
 
 def measurements(count: int, rng: np.random.Generator) -> np.ndarray:
     return rng.uniform([10, 10, 4], [WIDTH - 10, HEIGHT - 10, 30], (count, 3))
-
-
-class Counting(KltTracker):
-    """Remembers how many features were looked at, and how many there was room for."""
-
-    def __init__(self, config: TrackingConfig, camera: StereoCamera) -> None:
-        super().__init__(config, camera)
-        self.counts: list[tuple[int, int]] = []
-
-    def _in_stereo(self, left: NDArray[np.float32], frame: Frame) -> Frame:
-        self.counts.append((len(left), self._room(frame)))
-        return super()._in_stereo(left, frame)
 
 
 @given(seeds)
@@ -107,20 +96,29 @@ def test_what_leaves_the_image_soon_tells_less() -> None:
 
 
 @pytest.mark.parametrize("candidates", [1.0, 3.0])
-def test_they_are_chosen_from_so_many_as_are_configured(candidates: float) -> None:
+def test_they_are_chosen_from_so_many_as_are_configured(
+    candidates: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A view that slides sideways: new features come at its border, near and far."""
+    counts, in_stereo = [], NewLandmarks.in_stereo
+
+    def counted(self: NewLandmarks, left: NDArray[np.float32], frame: Frame) -> Frame:
+        counts.append((len(left), tracker.allowed.room(frame)))
+        return in_stereo(self, left, frame)
+
+    monkeypatch.setattr(NewLandmarks, "in_stereo", counted)
     noise = np.random.default_rng(3).normal(0, 1, (HEIGHT, 600))
     plane = cv2.GaussianBlur(noise, (0, 0), 2.0)
     image = np.clip(127 + 45 * plane / plane.std(), 0, 255).astype(np.uint8)
     klt = {"min_row_gradient": 0, "max_features": 60, "candidates": candidates}
-    tracker = Counting(TrackingConfig.model_validate({"klt": klt}), CAMERA)
+    tracker = KltTracker(TrackingConfig.model_validate({"klt": klt}), CAMERA)
     for column in range(0, 120, 6):
         tracker.T_start_cam = STILL.copy()
         tracker.T_start_cam[0, 3] = column * CAMERA.baseline / 8
         views = (image[:, start : start + WIDTH] for start in (column, column + 8))
         seen = track(tracker, *map(np.ascontiguousarray, views))
         assert len(np.unique(seen.landmark)) == len(seen.landmark) <= 60
-    (first, _), *later = tracker.counts
+    (first, _), *later = counts
     assert first == 60, "the first ones are the strongest, as nothing moved yet"
     assert all(found <= candidates * room for found, room in later)
     assert max(found / room for found, room in later if room > 0) == candidates
