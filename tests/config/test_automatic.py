@@ -97,9 +97,9 @@ def drift(focal_length: float, size: tuple[int, int] = (346, 260), **noise: floa
 
 
 @given(st.floats(10.0, 3000.0))
-def test_tracks_move_on_landmarks_as_the_root_of_the_focal_length(focal_length: float) -> None:
-    assert drift(225.0) == 1.0 and drift(225.0, track_drift=0.3) == 0.3
-    assert drift(4 * focal_length) == pytest.approx(2 * drift(focal_length))
+def test_tracks_move_on_landmarks_as_a_power_of_the_focal_length(focal_length: float) -> None:
+    assert drift(28 ** (1 / 0.6)) == pytest.approx(1.0) and drift(225.0, track_drift=0.3) == 0.3
+    assert drift(32 * focal_length) == pytest.approx(8 * drift(focal_length))
     whole, half = NoiseConfig(track_drift=None), (1280, 720)
     smoother = FixedLagSmoother(StereoCamera(focal_length, focal_length, 0, 0, 0.1), whole)
     assert smoother.noise.track_drift == drift(focal_length)

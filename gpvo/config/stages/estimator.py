@@ -37,7 +37,7 @@ class NoiseConfig(StageConfig):
         description="Standard deviation of what a track moves on its landmark where the look of "
         "that changes by one, tracked pixels: the image motion turns by 60 degrees (by two: is "
         "reversed), or the landmark comes e times nearer. The variance grows with the change. "
-        "null: a fifteenth of the root of the focal length, both in tracked pixels. 0 takes a "
+        "null: the focal length to the power 0.6 over 28, both in tracked pixels. 0 takes a "
         "landmark for a point, as the paper and batch do.",
     )
     disparity_drift: float = Field(
