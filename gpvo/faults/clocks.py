@@ -24,6 +24,9 @@ PERIOD, LATER = 0.5, 2.0
 """Seconds from one look to the next, before and after two of them agreed."""
 SAME = 0.003
 """Seconds by which two looks at one offset differ, at most."""
+EARLY = 2
+"""How many times as uncertain looks count before there are REMEMBERED seconds: they share most of
+their events, so that two that are off by chance agree."""
 JUDGED = 2 * REMEMBERED
 """Seconds whose looks are judged together: in a long recording some are off by chance."""
 
@@ -60,11 +63,16 @@ class ClockWatch:
 
     def _judge(self, found: ClockOffset) -> Iterator[Fault]:
         steady = _median([look for _, look in self._looks])
-        if self._said is None and steady.is_apart:
+        if self._said is None and self._doubted(steady).is_apart:
             self._said = steady
             yield _apart(steady, self._rates.start)
         elif self._said is not None and _differ(self._said, found):
             yield _drift(self._said, found, self._rates.start)
+
+    def _doubted(self, found: ClockOffset) -> ClockOffset:
+        """Return an offset with the deviation that it has as long as events are few."""
+        is_early = self._rates.seconds < REMEMBERED - PERIOD
+        return ClockOffset(found.seconds, (EARLY if is_early else 1) * found.deviation)
 
 
 def _median(looks: Sequence[ClockOffset]) -> ClockOffset:

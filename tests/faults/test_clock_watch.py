@@ -63,6 +63,15 @@ def test_an_offset_from_the_start_is_said_at_the_second_look(said: Said) -> None
     assert fault.numbers["offset_s"] == pytest.approx(0.008)
 
 
+def test_the_first_looks_share_their_events_and_must_be_far_off(
+    said: Said, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Rates, "seconds", 2.0)
+    assert said([0.0097, 0.0096, -0.0046, *[0.0] * 20]) == [] and said([0.008]) == []
+    ((t, fault),) = said([0.02])
+    assert fault.kind == "clocks apart" and t <= STEP + PERIOD
+
+
 def test_an_offset_from_later_on_is_said_once_most_looks_have_it(said: Said) -> None:
     ((t, fault),) = said([*[0.0] * 5, 0.02])
     assert fault.kind == "clocks apart" and t <= 10.0 + JUDGED
