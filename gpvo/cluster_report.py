@@ -8,7 +8,7 @@ from gpvo.events import StereoCluster
 from gpvo.front_end import TrackedCluster
 from gpvo.tracking import TrackingReport
 
-FEW = 6
+FEW_INLIERS = 6
 """Number of inliers below which a cluster hardly measures the motion: twice the smallest sample."""
 
 
@@ -74,8 +74,8 @@ class ClusterReport:
 
     @property
     def hardly_measures(self) -> bool:
-        """Something moved, and fewer than FEW tracklets agree on how."""
-        return self.inliers < FEW and not self.at_rest
+        """Something moved, and fewer than FEW_INLIERS tracklets agree on how."""
+        return self.inliers < FEW_INLIERS and not self.at_rest
 
     @staticmethod
     def of(cluster: StereoCluster, tracked: TrackedCluster) -> ClusterReport:

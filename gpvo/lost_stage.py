@@ -11,7 +11,7 @@ from gpvo.cluster_report import ClusterReport
 
 FEW_EVENTS = 500
 """Median number of events per cluster and camera below which a picture shows next to nothing."""
-FEW = 12
+FEW_LANDMARKS = 12
 """Median number of features, matches or tracklets per cluster below which they are few."""
 SAME_VIEW = (
     "is the calibration that of these cameras, are left and right swapped, are their clocks apart"
@@ -91,17 +91,17 @@ def _tracking(lost: Sequence[ClusterReport]) -> list[_Stage]:
     return [
         _Stage(
             f"{features} new features and {known} known ones",
-            features + known < FEW,
+            features + known < FEW_LANDMARKS,
             "more contours are needed: is the lens in focus, is there texture?",
         ),
         _Stage(
             f"{stereo} of the new ones matched in the right picture",
-            stereo + closed < FEW,
+            stereo + closed < FEW_LANDMARKS,
             f"the cameras must see the same at the same time: {SAME_VIEW}, is most of it noise?",
         ),
         _Stage(
             f"{closed} of the known ones followed from the cluster before",
-            closed < FEW,
+            closed < FEW_LANDMARKS,
             "clusters must be alike: is most of it noise or flicker, is the motion so fast that"
             " a smaller clustering.motion or clustering.window is needed?",
         ),
@@ -113,17 +113,21 @@ def _tracklets(lost: Sequence[ClusterReport]) -> list[_Stage]:
         [(r.observations, r.out_of_bounds, r.too_short, r.tracklets, r.inliers) for r in lost]
     )
     return [
-        _Stage(f"{observations} observations", observations < FEW, "the tracker must find more"),
+        _Stage(
+            f"{observations} observations",
+            observations < FEW_LANDMARKS,
+            "the tracker must find more",
+        ),
         _Stage(
             f"{out_of_bounds} of them with left and right events too far apart in time or too"
             " small a disparity",
-            observations - out_of_bounds < FEW,
+            observations - out_of_bounds < FEW_LANDMARKS,
             "are the cameras' clocks apart, is all of the scene too far away for the baseline?"
             " see tracklets.max_stereo_time_difference and tracklets.min_disparity",
         ),
         _Stage(
             f"{too_short} tracklets too short and {tracklets} long enough",
-            tracklets < FEW,
+            tracklets < FEW_LANDMARKS,
             "landmarks must be seen longer: see tracklets.min_length, tracklets.min_duration and"
             " tracklets.history",
         ),

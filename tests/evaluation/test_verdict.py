@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gpvo.cluster_report import FEW, ClusterReport
+from gpvo.cluster_report import FEW_INLIERS, ClusterReport
 from gpvo.faults import Fault
 from gpvo.tracking import TrackingReport
 from gpvo.trajectory import Trajectory
@@ -43,16 +43,16 @@ def reports(inliers: list[int]) -> list[ClusterReport]:
     ]
 
 
-@given(st.lists(st.integers(FEW, 300), min_size=1, max_size=50))
+@given(st.lists(st.integers(FEW_INLIERS, 300), min_size=1, max_size=50))
 def test_measured_throughout_is_good(inliers: list[int]) -> None:
     found = verdict(reports(inliers))
     assert (found.word, found.reasons, found.dead_reckoning) == ("good", (), 0.0)
 
 
-@given(st.lists(st.integers(0, 2 * FEW), min_size=1, max_size=50))
+@given(st.lists(st.integers(0, 2 * FEW_INLIERS), min_size=1, max_size=50))
 def test_dead_reckoning_is_the_share_of_the_clusters_with_few_inliers(inliers: list[int]) -> None:
     found = verdict(reports(inliers))
-    share = sum(count < FEW for count in inliers) / len(inliers)
+    share = sum(count < FEW_INLIERS for count in inliers) / len(inliers)
     assert found.dead_reckoning == pytest.approx(share)
     assert (found.word == "failed") == (found.dead_reckoning >= MOSTLY)
     assert sum(one.duration for one in found.stretches) == pytest.approx(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from gpvo import Odometry
-from gpvo.cluster_report import FEW, ClusterReport
+from gpvo.cluster_report import FEW_INLIERS, ClusterReport
 from gpvo.faults.outliers import ENOUGH, MANY, PERIOD, many_outliers
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 
@@ -42,9 +42,9 @@ def clusters(duration: float, tracklets: int, inliers: int) -> list[ClusterRepor
         (1.5, 100, 75, True),
         (1.5, 100, 85, False),
         (0.9 * PERIOD, 100, 75, False),
-        (1.5, round(ENOUGH * LENGTH / PERIOD) - 1, FEW, False),
-        (1.5, 100, FEW, True),
-        (1.5, 100, FEW - 1, False),  # hardly a velocity: that is said otherwise
+        (1.5, round(ENOUGH * LENGTH / PERIOD) - 1, FEW_INLIERS, False),
+        (1.5, 100, FEW_INLIERS, True),
+        (1.5, 100, FEW_INLIERS - 1, False),  # hardly a velocity: that is said otherwise
     ],
 )
 def test_a_share_of_a_second_is_told(

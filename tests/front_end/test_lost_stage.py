@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from gpvo import Odometry
-from gpvo.cluster_report import FEW as FEW_INLIERS
-from gpvo.cluster_report import ClusterReport
+from gpvo.cluster_report import FEW_INLIERS, ClusterReport
 from gpvo.config import Configuration
 from gpvo.errors import InputError
-from gpvo.lost_stage import EARLY, FEW, is_lost, lost_stage
+from gpvo.lost_stage import EARLY, FEW_LANDMARKS, is_lost, lost_stage
 from gpvo.recordings import Events
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 from gpvo.tracking import TrackingReport
@@ -185,4 +184,4 @@ def test_nothing_is_said_of_a_good_recording(
     odometry = Odometry(room.rig)
     odometry.run(room)
     assert not caplog.messages
-    assert odometry.reports[-1].inliers > FEW
+    assert odometry.reports[-1].inliers > FEW_LANDMARKS

@@ -15,7 +15,7 @@ from gpvo.tracking.klt.frame import Frame
 from gpvo.tracking.klt.lost_landmarks import LostLandmarks
 from gpvo.tracking.klt.new_landmarks import NewLandmarks
 from gpvo.tracking.klt.relocation import refined_pose, relocated_pose
-from gpvo.tracking.klt.stereo_matches import StereoMatches
+from gpvo.tracking.klt.stereo_matches import StereoMatches, shift
 from gpvo.tracking.sights import warp
 
 Points = NDArray[np.float32]
@@ -67,8 +67,9 @@ class KnownAgain:
             return followed < min(1, known)
         return followed < min(FEW, CHANCE * known)
 
-    def search_anywhere(self) -> None:
-        """Search landmarks wherever they may be, in the next frames."""
+    def lose_all(self, before: Frame, frame: Frame, first_new: int) -> None:
+        """Remember all landmarks as lost; search them wherever they may be, in the next frames."""
+        self.follow(before, frame, first_new)
         self._relocations = RELOCATED
 
     def relocated(self, frame: Frame) -> Frame:
@@ -115,8 +116,3 @@ class KnownAgain:
         pixels, strength = np.rint(left[index]).astype(np.int32), alike[index].astype(np.float32)
         chosen = strongest_spaced(pixels, strength, frame.left, self._config.spacing, room)
         return index[chosen]
-
-
-def shift(measurements: Array) -> Points:
-    """Return left minus right pixels (N, 2) of measurements (u_left, v, disparity)."""
-    return (measurements[:, 2:] * [1.0, 0.0]).astype(np.float32)

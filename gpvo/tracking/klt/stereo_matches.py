@@ -14,6 +14,7 @@ from gpvo.tracking.klt.surfaces import fit_surfaces, match_on_surfaces
 from gpvo.tracking.sights import slopes
 
 Points = NDArray[np.float32]
+Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 LEAST_SHARE = 0.1
@@ -70,3 +71,8 @@ class StereoMatches:
         slope = slopes(self._camera, frame.T_start_cam, frame.anchors.sights)
         right = match_on_surfaces(*frame.images, frame.left, frame.right, slope)
         return frame.with_landmarks(frame.landmark, frame.left, right, frame.anchors)
+
+
+def shift(measurements: Array) -> Points:
+    """Return left minus right pixels (N, 2) of measurements (u_left, v, disparity)."""
+    return (measurements[:, 2:] * [1.0, 0.0]).astype(np.float32)

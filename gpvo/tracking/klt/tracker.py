@@ -21,11 +21,11 @@ from gpvo.tracking.features import smooth
 from gpvo.tracking.klt.feature_count import FeatureCount
 from gpvo.tracking.klt.following import CHANGED, KNOWN, follow
 from gpvo.tracking.klt.frame import Frame
-from gpvo.tracking.klt.known_again import KnownAgain, shift
+from gpvo.tracking.klt.known_again import KnownAgain
 from gpvo.tracking.klt.lucas_kanade import Pyramid
 from gpvo.tracking.klt.match_precision import MatchPrecision, match_variances
 from gpvo.tracking.klt.new_landmarks import NewLandmarks
-from gpvo.tracking.klt.stereo_matches import StereoMatches
+from gpvo.tracking.klt.stereo_matches import StereoMatches, shift
 from gpvo.tracking.observations import Observations
 from gpvo.tracking.report import TrackingReport
 from gpvo.tracking.sights import predict, warp
@@ -73,8 +73,7 @@ class KltTracker:
         before, first_new = self._previous or frame, self._new.count
         known, followed = len(before.landmark), self._follow(before, frame)
         if self._again.by_chance(len(followed.landmark), known, self.report.closed == 0):
-            self._again.follow(before, frame, first_new)
-            self._again.search_anywhere()
+            self._again.lose_all(before, frame, first_new)
             before = followed = frame
         followed = self._again.relocated(followed)
         seen = self._again.added_to(followed)
