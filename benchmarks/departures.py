@@ -69,6 +69,7 @@ DEPARTURES: dict[str, tuple[str, ...]] = {
         "noise.measurement_memory",
     ),
     "least squares": ("estimator.loss", "estimator.loss_scale"),
+    "begins with the first measurement": ("estimator.start_landmarks",),
     "no acceleration ahead": ("noise.acceleration_memory",),
     "final states stay": ("estimator.settling",),
     "velocity kept for ever": ("estimator.bridge",),

@@ -74,7 +74,7 @@ class Odometry:
         self.camera = self._front_end.camera
         config = self.configuration.estimator
         self.estimator = estimator or make_estimator(self.camera, self._front_end.noise, config)
-        self._measurements = GatheredMeasurements(self.estimator, config.interval)
+        self._measurements = GatheredMeasurements(self.estimator, config)
         self._estimates = SecondThread[ClusterReport]()
         self._latest: MotionEstimate | None = None
 
@@ -190,7 +190,7 @@ class Odometry:
         for batch in self._take_unwatched():
             self._watch.see_events(batch)
         with one_blas_thread():
-            self._measurements.flush()
+            self._measurements.end()
 
     def _estimate(
         self,

@@ -73,6 +73,7 @@ PAPER: dict[str, Any] = {
     "estimator": {
         "method": "batch",
         "interval": 0.0,
+        "start_landmarks": 0,
         "window": 5,
         "lost_landmarks": 0,
         "settling": 0.0,

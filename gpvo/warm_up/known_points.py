@@ -47,11 +47,11 @@ def estimate_from_points(configuration: Configuration) -> None:
     """Estimate the motion, and forget it."""
     config = configuration.estimator
     estimator = make_estimator(CAMERA, configuration.noise, config)
-    gathered = GatheredMeasurements(estimator, config.interval)
+    gathered = GatheredMeasurements(estimator, config)
     with one_blas_thread():
         for cluster in clusters(np.random.default_rng(0)):
             gathered.add(*cluster)
             estimator.latest()
             gathered.prepare()
-        gathered.flush()
+        gathered.end()
     estimator.trajectory()

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_info
 
+from gpvo.config.stages import EstimatorConfig
 from gpvo.estimator import (
     Estimator,
     FixedLagSmoother,
@@ -46,13 +47,14 @@ def test_every_measurement_is_passed_on_once_and_updates_are_an_interval_apart(
     estimator = SimpleNamespace(
         update=lambda stop, added, velocity: calls.append((stop, added.landmark.tolist()))
     )
-    gathered = GatheredMeasurements(cast(Estimator, estimator), interval)
+    config = EstimatorConfig(interval=interval, start_landmarks=0)
+    gathered = GatheredMeasurements(cast(Estimator, estimator), config)
     stops = np.cumsum(durations).tolist()
     for number, stop in enumerate(stops):
         gathered.add(stop, measured([2 * number, 2 * number + 1], stop - 0.001), None)
     regular = len(calls)
-    gathered.flush()
-    gathered.flush()
+    gathered.end()
+    gathered.end()
     assert [one for _, landmarks in calls for one in landmarks] == list(range(2 * len(stops)))
     assert calls[0][0] == stops[0] and calls[-1][0] == stops[-1]
     assert len(calls) <= regular + 1

@@ -96,6 +96,14 @@ class EstimatorConfig(StageConfig):
         description="Shortest time between two updates, seconds: shorter clusters are estimated "
         "together. 0 updates at every cluster, as in the paper.",
     )
+    start_landmarks: int = Field(
+        default=20,
+        ge=0,
+        le=1_000_000,
+        description="The trajectory begins at the first cluster that has measurements of so many "
+        "landmarks, or after half a second with whatever there is. 0 begins with the first "
+        "measurement, as in the paper.",
+    )
     window: int = Field(
         default=5,
         ge=2,

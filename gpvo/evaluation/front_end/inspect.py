@@ -175,7 +175,7 @@ class _Inspector:
         self._config = in_full_pixels(self.front_end.configuration).mc_ransac
         config = self.front_end.configuration.estimator
         self._estimator = make_estimator(self.front_end.camera, self.front_end.noise, config)
-        self._measurements = GatheredMeasurements(self._estimator, config.interval)
+        self._measurements = GatheredMeasurements(self._estimator, config)
 
     def process(self, cluster: StereoCluster) -> InspectedCluster:
         rng = deepcopy(self.front_end.rng)
