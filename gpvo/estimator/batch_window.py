@@ -33,6 +33,7 @@ from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements, seen_twice
 from gpvo.trajectory.covariance_knots import CovarianceKnots
 from gpvo.trajectory.motion_estimate import MotionEstimate
+from gpvo.trajectory.smooth_motion import velocity_scale
 from gpvo.trajectory.states import States, later_states
 from gpvo.trajectory.trajectory import Trajectory
 
@@ -151,7 +152,8 @@ class SlidingWindow:
         latest = self._knots_until(self._states.t[-1], self._measurements)
         knots = CovarianceKnots.joined([*self._knots, latest])
         states = States.concatenate([*self._final, self._states])
-        return Trajectory.of_states(states, knots, self._build.noise, start_ns)
+        scale = velocity_scale(knots.t, self._build.noise.velocity_share)
+        return Trajectory.of_states(states, knots, self._build.noise, scale, start_ns)
 
     def latest(self) -> MotionEstimate | None:
         """Return the newest state, in constant time; None before the second state."""

@@ -23,6 +23,7 @@ from gpvo.estimator.initialization import InitialState, velocity_ahead
 from gpvo.estimator.known_place import KnownPlace, PoseInWorld
 from gpvo.estimator.lag_window import LagWindow, Leaving
 from gpvo.estimator.learned_noise import LearnedNoise
+from gpvo.estimator.newest_velocity import NewestVelocity
 from gpvo.estimator.own_factors import OwnFactors, Waiting
 from gpvo.estimator.segments import SegmentKnots
 from gpvo.estimator.solving import Solver
@@ -76,6 +77,7 @@ class FixedLagSmoother:
         self._initial = initial or InitialState.at_origin(self._build.noise)
         self._has_world = initial is not None
         self._learned = LearnedNoise(self._build.noise)
+        self._newest = NewestVelocity(noise.motion_memory if noise.velocity_share < 1 else 0.0)
         self._lag, self._reckoning = Lag(self._config), DeadReckoning(self._config.bridge)
         self._own, self._segments = OwnFactors(), SegmentKnots()
         self._window = self._new_window()
@@ -143,6 +145,7 @@ class FixedLagSmoother:
         self._solve(update, accepted)
         self._reckoning.measured(float(ends[-1]), self._window.keys.twist[-1], len(accepted))
         self._keep_place(len(accepted))
+        self._judge_newest()
 
     def prepare(self) -> None:
         """Do now what the next update needs of this one's estimate; else that does it itself.
@@ -233,9 +236,9 @@ class FixedLagSmoother:
             inside = self._window.states
             knots = self._window.knots.followed_by(self._window.knots_of(inside))
         states = States.concatenate([*self._final.parts, inside])
-        knots = self._segments.all_knots(states, knots)
-        from_first = not self._has_world
-        return Trajectory.of_states(states, knots, self._build.noise, start_ns, from_first)
+        knots, noise = self._segments.all_knots(states, knots), self._build.noise
+        scale = self._newest.at(knots.t, noise.velocity_share)
+        return Trajectory.of_states(states, knots, noise, scale, start_ns, not self._has_world)
 
     def latest(self) -> MotionEstimate | None:
         """Return the newest state, in constant time; None before the first measurement."""
@@ -246,6 +249,8 @@ class FixedLagSmoother:
             covariance = self._window.covariance()[-12:, -12:].copy()
         T, first = keys.T_world_cam[-1], self._final.first or keys
         covariance[:6, :6] += self._segments.pose_covariance(T[None])[0]
+        covariance[6:] *= self._newest.scale
+        covariance[:, 6:] *= self._newest.scale
         return MotionEstimate(
             float(keys.t[-1]),
             T.copy() if self._has_world else se3_inverse(first.T_world_cam[0]) @ T,
@@ -309,6 +314,15 @@ class FixedLagSmoother:
             spread = self._segments.pose_covariance(T)[0]
             covariance = self._window.first_covariance[:6, :6] + spread
             self._place = KnownPlace(*self.landmarks, PoseInWorld(T[0], covariance))
+
+    def _judge_newest(self) -> None:
+        """Compare velocities that were the newest with what is known of them now."""
+        window, is_guessed = self._window, self._reckoning.in_window
+        if is_guessed:
+            self._newest.forget()
+        elif self._newest.learns:
+            self._newest.learn(window.keys[: window.solved], window.covariance())
+        self._newest.end(float(window.keys.t[-1]), is_guessed)
 
     def _learn_noise(self) -> None:
         """Let Q_c follow the motion, and R the residuals in the window."""

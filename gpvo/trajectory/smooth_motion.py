@@ -20,14 +20,16 @@ LONG = 3.0
 """Number of usual times between knots from which on there are no states near."""
 
 
-def velocity_scale(knot_t: Array, share: float, t: Array) -> Array:
-    """Return by what (N,) a velocity's standard deviation is multiplied at times t (N,), seconds.
+def velocity_scale(knot_t: Array, share: float) -> Array:
+    """Return by what (M,) velocities' standard deviations are multiplied at times (M,), seconds.
 
-    It is the root of the share at knots (M,) amid others, and 1 at the ends, beside long gaps, and
-    at the knots next to these. Between knots it is linear.
+    It is the root of the share amid other knots, and 1 at the ends, beside long gaps, and at the
+    knots next to these.
     """
     dt = np.diff(knot_t)
+    if len(dt) == 0:
+        return np.ones(len(knot_t))
     is_long = np.concatenate([[True], dt > LONG * np.median(dt), [True]])
     alone = is_long[:-1] | is_long[1:]
     near = alone | np.append(alone[1:], False) | np.append(False, alone[:-1])
-    return np.asarray(np.interp(t, knot_t, np.where(near, 1.0, np.sqrt(share))))
+    return np.where(near, 1.0, np.sqrt(share))

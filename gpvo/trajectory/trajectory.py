@@ -5,7 +5,7 @@ Section III-C.2 of the paper.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,9 +33,10 @@ SHAPES: dict[str, Shape] = {
     "qc": (6,),
     "knots": ("M",),
     "knot_covariance": ("M - 1", 24, 24),
+    "velocity_scale": ("M",),
     "velocity_share": (),
 }
-"""Shapes of the arrays of a file; those of earlier versions have no `velocity_share`."""
+"""Shapes of the arrays of a file; those of earlier versions have `velocity_share`, or neither."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +61,9 @@ class Trajectory:
     knot_covariance
         (M - 1, 24, 24) joint covariances of each knot and the next: pose and velocity of the first,
         then of the second. Poses are perturbed on the right, rotation first.
-    velocity_share
-        Share of a velocity's variance that is its error, amid other states; see `smooth_motion`.
+    velocity_scale
+        (M,) what the standard deviations of the knots' velocities are multiplied by; see
+        `smooth_motion` and `newest_velocity`.
     """
 
     start_ns: int
@@ -71,13 +73,14 @@ class Trajectory:
     qc: Array
     knots: NDArray[np.int64]
     knot_covariance: Array
-    velocity_share: float = 1.0
+    velocity_scale: Array
 
     @staticmethod
     def of_states(
         states: States,
         knots: CovarianceKnots,
         noise: NoiseConfig,
+        velocity_scale: Array,
         start_ns: int,
         from_first: bool = True,
     ) -> Trajectory:
@@ -91,7 +94,7 @@ class Trajectory:
             np.array(noise.acceleration_psd),
             np.searchsorted(states.t, knots.t),
             knots.joint,
-            noise.velocity_share,
+            velocity_scale,
         )
 
     def __len__(self) -> int:
@@ -125,8 +128,8 @@ class Trajectory:
         """Return the covariance (..., 12, 12) of pose and velocity at times t; raises like `pose`.
 
         The pose is perturbed on the right, rotation first, relative to the first pose. Between
-        knots the Gaussian process interpolates, given the joint covariance of both. Velocities amid
-        others are more certain, as `velocity_share` says. A single state has none: its covariance
+        knots the Gaussian process interpolates, given the joint covariance of both. Velocities'
+        deviations are then multiplied by `velocity_scale`. A single state has none: its covariance
         is that of the estimator's `latest`.
         """
         times = self._checked(t, extrapolation)
@@ -150,7 +153,7 @@ class Trajectory:
         )
         _, _, covariance = extrapolate(T, twist, flat - inside, self.qc, covariance)
         scale = np.ones((len(flat), 12))
-        scale[:, 6:] = velocity_scale(knot_t, self.velocity_share, inside)[:, None]
+        scale[:, 6:] = np.interp(inside, knot_t, self.velocity_scale)[:, None]
         scaled = scale[:, :, None] * np.asarray(covariance) * scale[:, None, :]
         return scaled.reshape(*times.shape, 12, 12)
 
@@ -186,11 +189,15 @@ class Trajectory:
             If the file is missing, damaged or not a trajectory.
         """
         what = "a trajectory that `gpvo run` saved"
-        columns = read_npz(path, what, SHAPES, optional=("velocity_share",))
+        columns = read_npz(path, what, SHAPES, optional=("velocity_scale", "velocity_share"))
         start_ns, share = int(columns.pop("start_ns")), float(columns.pop("velocity_share", 1.0))
-        loaded = Trajectory(start_ns, **columns, velocity_share=share)
+        scale = columns.pop("velocity_scale", np.ones(len(columns["knots"])))
+        loaded = Trajectory(start_ns, **columns, velocity_scale=scale)
         if not loaded._is_ordered():
             raise InputError(f"{path}: is not {what} (its times or knots are not in order)")
+        if share < 1.0:
+            scale = velocity_scale(loaded.t[loaded.knots], share)
+            return replace(loaded, velocity_scale=scale)
         return loaded
 
     def _is_ordered(self) -> bool:

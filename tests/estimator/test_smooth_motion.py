@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from runs import estimate
+from runs import METHODS, estimate
 from synthetic import tracklets
 
 from factors.wnoa import information_root
-from gpvo.config import Configuration
+from gpvo.config import Configuration, NoiseConfig
 from gpvo.estimator import one_blas_thread
 from gpvo.trajectory import Trajectory
 from gpvo.trajectory.smooth_motion import LONG, velocity_scale
@@ -55,11 +55,11 @@ def test_a_velocity_is_more_certain_amid_others_alone(
         ends = np.minimum(number, knots - 1 - number)
         beside = np.minimum(abs(number - gap), abs(number - gap + 1)) if later else knots
         expected = np.where(np.minimum(ends, beside) < 2, 1.0, np.sqrt(share))
-        np.testing.assert_array_equal(velocity_scale(t, share, t), expected)
+        np.testing.assert_array_equal(velocity_scale(t, share), expected)
 
 
 def test_it_changes_covariances_of_velocities_alone(trajectory: Trajectory) -> None:
-    smooth = replace(trajectory, velocity_share=0.25)
+    smooth = replace(trajectory, velocity_scale=scale_of(trajectory, 0.25))
     t = np.linspace(trajectory.start, trajectory.stop, 200)
     np.testing.assert_array_equal(smooth.velocity(t), trajectory.velocity(t))
     whole, part = trajectory.covariance(t), smooth.covariance(t)
@@ -70,19 +70,38 @@ def test_it_changes_covariances_of_velocities_alone(trajectory: Trajectory) -> N
     assert (np.linalg.eigvalsh(part) > 0).all()
 
 
+def scale_of(trajectory: Trajectory, share: float) -> np.ndarray:
+    return velocity_scale(trajectory.t[trajectory.knots], share)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_trajectories_have_the_share_that_is_configured(method: str) -> None:
+    parts, noise = tracklets(noise=0.3), NoiseConfig(velocity_share=0.25)
+    found = estimate(parts, noise, method=method)
+    np.testing.assert_array_equal(found.velocity_scale, scale_of(found, 0.25))
+    white = estimate(parts, method=method)
+    np.testing.assert_array_equal(white.velocity_scale, 1.0)
+
+
 def test_the_paper_expects_white_noise() -> None:
     assert Configuration().noise.velocity_share == 0.25
     assert Configuration.model_validate({"preset": "paper"}).noise.velocity_share == 1.0
 
 
+@pytest.mark.parametrize("share", [None, 0.25, 1.0])
 def test_a_trajectory_that_was_saved_before_keeps_its_covariance(
-    trajectory: Trajectory, tmp_path: Path
+    trajectory: Trajectory, tmp_path: Path, share: float | None
 ) -> None:
+    """Earlier versions wrote the share, or nothing of it."""
     path = tmp_path / "trajectory.npz"
-    replace(trajectory, velocity_share=0.25).save(path)
-    assert Trajectory.load(path).velocity_share == 0.25
+    trajectory.save(path)
     with np.load(path) as file:
-        before = {name: file[name] for name in file if name != "velocity_share"}
-    np.savez(path, **before)
+        before = {name: file[name] for name in file if name != "velocity_scale"}
+    np.savez(path, **before, **({} if share is None else {"velocity_share": np.array(share)}))
+    loaded = Trajectory.load(path)
+    np.testing.assert_array_equal(loaded.velocity_scale, scale_of(trajectory, share or 1.0))
+    path_again = tmp_path / "again.npz"
+    loaded.save(path_again)
     t = np.linspace(trajectory.start, trajectory.stop, 20)
-    np.testing.assert_array_equal(Trajectory.load(path).covariance(t), trajectory.covariance(t))
+    covariance = Trajectory.load(path_again).covariance(t)
+    np.testing.assert_array_equal(covariance, loaded.covariance(t))

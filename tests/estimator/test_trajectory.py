@@ -101,8 +101,7 @@ def test_save_and_load(trajectory: Trajectory, tmp_path: Path) -> None:
     trajectory.save(path)
     loaded = Trajectory.load(path)
     assert loaded.start_ns == trajectory.start_ns
-    assert isinstance(loaded.velocity_share, float)
-    for name in ("t", "T_world_cam", "twist", "qc", "knots", "knot_covariance"):
+    for name in ("t", "T_world_cam", "twist", "qc", "knots", "knot_covariance", "velocity_scale"):
         assert np.array_equal(getattr(loaded, name), getattr(trajectory, name))
     assert [file.name for file in tmp_path.iterdir()] == ["trajectory.npz"]
 
@@ -176,6 +175,7 @@ def test_a_single_state_has_no_covariance() -> None:
         np.ones(6),
         np.empty(0, np.int64),
         np.empty((0, 24, 24)),
+        np.empty(0),
     )
     np.testing.assert_array_equal(one.pose(0.0), np.eye(4))
     with pytest.raises(InputError, match="covariance: a trajectory of one state has none"):

@@ -267,6 +267,7 @@ def continuous(tmp_path):
         np.ones(6),
         np.arange(2),
         np.eye(24)[None],
+        np.ones(2),
     )
     (tmp_path / "result").mkdir()
     trajectory.save(tmp_path / "result" / "trajectory.npz")
@@ -314,7 +315,7 @@ def test_a_continuous_result_on_another_clock(random_walk):
     t = truth.seconds
     trajectory = Trajectory(
         int(truth.stamps_ns[0]) - 30_000_000, t, truth.T_world_cam,
-        most_probable_velocities(truth), np.ones(6), np.arange(2), np.eye(24)[None],
+        most_probable_velocities(truth), np.ones(6), np.arange(2), np.eye(24)[None], np.ones(2),
     )  # fmt: skip
     contender = Contender("late", ContinuousPoses.of(trajectory), truth)
     comparison = compare("walk", [contender], Protocol(align_time=True))

@@ -25,7 +25,7 @@ def straight(speed: float = 0.5) -> Trajectory:
     T[:, 0, 3] = speed * t
     twist = np.tile([0.0, 0, 0, speed, 0, 0], (11, 1))
     joint = np.tile(1e-8 * np.eye(24), (10, 1, 1))
-    return Trajectory(0, t, T, twist, np.ones(6), np.arange(11), joint)
+    return Trajectory(0, t, T, twist, np.ones(6), np.arange(11), joint, np.ones(11))
 
 
 def measured(points: np.ndarray, rng: np.random.Generator, noise: float) -> Measurements:

@@ -126,7 +126,7 @@ def test_a_trajectory_that_ends_before_the_measurements_is_failed(stop: float, w
     poses = np.tile(np.eye(4), (2, 1, 1))
     nothing = np.empty(0)
     path = Trajectory(
-        0, np.array([0.0, stop]), poses, np.zeros((2, 6)), np.ones(6), nothing, nothing
+        0, np.array([0.0, stop]), poses, np.zeros((2, 6)), np.ones(6), nothing, nothing, nothing
     )
     measured = [replace(one, measurements=90) for one in reports([150] * 60)]
     found = verdict(measured, trajectory=path)

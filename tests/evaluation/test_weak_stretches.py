@@ -11,8 +11,9 @@ START_NS = 5_000_000_000
 
 def trajectory_with_states_at(t: np.ndarray) -> Trajectory:
     poses = np.tile(np.eye(4), (len(t), 1, 1))
+    joint = np.eye(24)[None]
     return Trajectory(
-        START_NS, t, poses, np.zeros((len(t), 6)), np.ones(6), np.arange(2), np.eye(24)[None]
+        START_NS, t, poses, np.zeros((len(t), 6)), np.ones(6), np.arange(2), joint, np.ones(2)
     )
 
 

@@ -24,7 +24,7 @@ def trajectory() -> Trajectory:
     root = np.random.default_rng(0).standard_normal((24, 24))
     joint = np.tile(1e-4 * root @ root.T, (30, 1, 1))
     twist = np.tile([0.0, 0, 0, 0.5, 0, 0], (31, 1))
-    return Trajectory(10**18 + 7, t, T, twist, np.ones(6), np.arange(31), joint)
+    return Trajectory(10**18 + 7, t, T, twist, np.ones(6), np.arange(31), joint, np.ones(31))
 
 
 def landmarks() -> LandmarkMap:
