@@ -129,8 +129,9 @@ class Trajectory:
 
         The pose is perturbed on the right, rotation first, relative to the first pose. Between
         knots the Gaussian process interpolates, given the joint covariance of both. Velocities'
-        deviations are then multiplied by `velocity_scale`. A single state has none: its covariance
-        is that of the estimator's `latest`.
+        deviations are then multiplied by `velocity_scale`, and outside [start, stop] the poses are
+        uncertain by these. A single state has none: its covariance is that of the estimator's
+        `latest`.
         """
         times = self._checked(t, extrapolation)
         if len(self.knots) < 2:
@@ -151,11 +152,11 @@ class Trajectory:
             self.qc,
             self.knot_covariance[before],
         )
-        _, _, covariance = extrapolate(T, twist, flat - inside, self.qc, covariance)
         scale = np.ones((len(flat), 12))
         scale[:, 6:] = np.interp(inside, knot_t, self.velocity_scale)[:, None]
-        scaled = scale[:, :, None] * np.asarray(covariance) * scale[:, None, :]
-        return scaled.reshape(*times.shape, 12, 12)
+        covariance = scale[:, :, None] * np.asarray(covariance) * scale[:, None, :]
+        _, _, covariance = extrapolate(T, twist, flat - inside, self.qc, covariance)
+        return np.asarray(covariance).reshape(*times.shape, 12, 12)
 
     def stamps_ns(self, t: ArrayLike) -> NDArray[np.int64]:
         """Return the absolute stamps (...) of times t (...), nanoseconds."""
