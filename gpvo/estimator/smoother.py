@@ -249,15 +249,15 @@ class FixedLagSmoother:
             covariance = self._window.covariance()[-12:, -12:].copy()
         T, first = keys.T_world_cam[-1], self._final.first or keys
         covariance[:6, :6] += self._segments.pose_covariance(T[None])[0]
-        covariance[6:] *= self._newest.scale
-        covariance[:, 6:] *= self._newest.scale
+        scale = np.repeat([1.0, self._newest.scale], 6)
         return MotionEstimate(
             float(keys.t[-1]),
             T.copy() if self._has_world else se3_inverse(first.T_world_cam[0]) @ T,
             keys.twist[-1].copy(),
-            covariance,
+            scale[:, None] * covariance * scale,
             np.array(self._build.noise.acceleration_psd),
             self._window.motion.latest_acceleration,
+            covariance,
         )
 
     def final_states(self, after: float = -np.inf) -> States:

@@ -24,7 +24,7 @@ def trusted_velocity(fit: VelocityFit | None, before: MotionEstimate | None, t: 
         return fit.velocity
     if before is None:
         return np.zeros(6)
-    ahead = before.at(max(t, before.t))
+    ahead = before.by_prior().at(max(t, before.t))
     expected = ahead.twist + (ahead.t - before.t) * before.acceleration
     return fused_velocity(expected, ahead.covariance[6:, 6:], fit)
 

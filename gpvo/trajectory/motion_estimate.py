@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ class MotionEstimate:
         (6,) power spectral density of the white noise on acceleration, rotation first.
     acceleration
         (6,) mean of the acceleration lately, rad/s^2 and m/s^2; 0 if it is unknown.
+    white_covariance
+        (12, 12) as the prior has it, for which acceleration is white noise; None if that is
+        `covariance`, in which velocities are as certain as they proved to be.
     """
 
     t: float
@@ -38,6 +41,12 @@ class MotionEstimate:
     covariance: Array
     qc: Array
     acceleration: Array = field(default_factory=lambda: np.zeros(6))
+    white_covariance: Array | None = None
+
+    def by_prior(self) -> MotionEstimate:
+        """Return the estimate with the covariance that the prior has."""
+        covariance = self.white_covariance
+        return self if covariance is None else replace(self, covariance=covariance)
 
     def at(self, t: float) -> MotionEstimate:
         """Extrapolate to a time t >= self.t, seconds, at constant velocity and with its noise.

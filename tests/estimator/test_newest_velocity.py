@@ -124,6 +124,7 @@ def ratio(motion: States) -> Array:
     assert smooth is not None and white is not None
     np.testing.assert_array_equal(smooth.twist, white.twist)
     np.testing.assert_array_equal(smooth.covariance[:6, :6], white.covariance[:6, :6])
+    np.testing.assert_array_equal(smooth.by_prior().covariance, white.covariance)
     return np.diagonal(smooth.covariance)[6:] / np.diagonal(white.covariance)[6:]
 
 

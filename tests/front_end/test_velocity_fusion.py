@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,6 +45,13 @@ def test_few_segments_correct_what_is_expected(count: int) -> None:
     assert np.allclose(trusted_velocity(as_certain, BEFORE, 1.1), 0.5 * (expected + 7.0))
     wild = fit_of(70.0, 1e4, count)
     assert np.allclose(trusted_velocity(wild, BEFORE, 1.1), expected, atol=1e-3)
+
+
+def test_it_is_weighed_by_the_covariance_that_the_prior_has() -> None:
+    few = fit_of(7.0, 1e-2, 4)
+    scaled = replace(BEFORE, covariance=9.0 * COVARIANCE, white_covariance=COVARIANCE)
+    expected = trusted_velocity(few, BEFORE, 1.1)
+    assert np.array_equal(trusted_velocity(few, scaled, 1.1), expected)
 
 
 def test_nothing_is_expected_before_the_first_estimate() -> None:

@@ -71,8 +71,7 @@ class NoiseConfig(StageConfig):
         description="Share of a velocity's variance that is its error amid other states: 1/4 where "
         "the motion is smooth, as that of a hand, a car or a drone. The newest velocities' is then "
         "learned, see `motion_memory`, of what later updates correct them by. 1 where the "
-        "acceleration is white noise, as in the paper. It changes covariances, and so how far "
-        "a velocity of few segments is believed.",
+        "acceleration is white noise, as in the paper. It changes no estimate.",
     )
     initial_velocity: float = Field(
         default=1.0,
