@@ -123,7 +123,7 @@ def marginalize(
     s = window.prior_shared(T_states, v_states)
     first = T_states[0], v_states[0]
     away = _resting(structureless.resting, *first, s, int(system.latent[-1]), moved[rests])
-    parts = [part.only(are_in(keep, part.number) & (part.by.known > 0)) for part in (seen, away)]
+    parts = [part.only(are_in(keep, part.number) & part.is_known) for part in (seen, away)]
     return Marginal(factor, _prior(parts, given, (T_states[count], v_states[count]), shared))
 
 
@@ -138,6 +138,11 @@ class _Known(NamedTuple):
     coordinates: Array
     moved: Array
     by: Eliminated
+
+    @property
+    def is_known(self) -> NDArray[np.bool_]:
+        """(n,) which are determined, and ahead of their view: a far step may take them behind."""
+        return (self.by.known > 0) & (self.coordinates[:, 2] > 0)
 
     def only(self, keep: NDArray[np.bool_]) -> _Known:
         """Return those that are kept (n,)."""

@@ -30,7 +30,7 @@ LOOSE, CHANGE = 0.2, 1.0
 """Seconds without measurements after which motion is not steady, and in which it changes."""
 MEMORY = 0.25
 """Seconds after which a velocity that is not measured is forgotten."""
-LEAST_SPEED = np.array([0.3, 0.3])
+LEAST_SPEED = np.array([0.6, 0.6])
 """Least standard deviation of a velocity that is not measured, rad/s and m/s."""
 LIVELY = 1.5
 """How much faster than lately the motion may be."""
@@ -38,6 +38,11 @@ REMEMBERED = 4.0
 """Seconds after which the largest speed that was seen counts 1/e."""
 MOST_STEPS = 40
 """Number of states in a break: enough for MEMORY in one of 5 s, in longer ones they are sparser."""
+HELD = 1.75
+"""Longest break over which the states before it are held, seconds.
+
+Errors are 0.6 times as large so after breaks of 1.5 s, but 1.9 times after those of 3 s.
+"""
 ENOUGH = 6
 """Number of measurements that measure a motion."""
 
@@ -50,11 +55,12 @@ class DeadReckoning:
 
     def __init__(self, bridge: float) -> None:
         self._bridge = bridge or np.inf
-        self._measured, self._speed = np.inf, LEAST_SPEED
+        self._measured, self._speed, self._seen = np.inf, LEAST_SPEED, np.inf
         self._guessed: list[_Guess] = []
 
     def measured(self, t: float, twist: Array, count: int) -> None:
         """Note that so many measurements reach until t, seconds, where the twist (6,) is known."""
+        self._seen = np.inf
         if count >= ENOUGH or not np.isfinite(self._measured):
             passed = max(t - self._measured, 0.0) if np.isfinite(self._measured) else 0.0
             known = np.maximum(self._speed * np.exp(-passed / REMEMBERED), LEAST_SPEED)
@@ -74,8 +80,14 @@ class DeadReckoning:
         t = np.append(loose, np.linspace(forgotten, until, count + 1))
         return t[t > last + SAME_TIME]
 
+    def see(self, t: float) -> None:
+        """Note that measurements begin at t, seconds, after a break: what follows is no guess."""
+        self._seen = t
+
     def extend(self, start: float, stop: float) -> None:
         """Note the time between two clusters' ends, before the motion in it is estimated."""
+        if start >= self._seen:
+            return
         unknown = start - self._measured
         if np.isfinite(self._bridge) and unknown >= min(LOOSE, self._bridge) - 1e-6:
             forgotten = unknown >= self._bridge - 1e-6
@@ -92,6 +104,14 @@ class DeadReckoning:
             return False
         return self._guessed[-1].forgotten and self._guessed[-1].stop > self._measured
 
+    def is_guessed(self, t: float) -> bool:
+        """Return whether the motion before a measurement at t, seconds, is guessed."""
+        return np.isfinite(self._bridge) and t - self._measured >= min(LOOSE, self._bridge)
+
+    def holds(self, t: float) -> bool:
+        """Return whether a break up to t, seconds, is so short that what was before is held."""
+        return np.isfinite(self._bridge) and t - self._measured < HELD
+
     def state_after(self, T_world_cam: Array) -> InitialState:
         """Return the state that a new segment begins with, at a pose (4, 4)."""
         covariance = np.diag(
@@ -107,6 +127,11 @@ class DeadReckoning:
     def measured_until(self) -> float:
         """Time until which the motion is measured, seconds; it is guessed from there on."""
         return self._measured
+
+    @property
+    def speed(self) -> Array:
+        """(2,) largest speed that was seen lately, rad/s and m/s."""
+        return self._speed
 
     @property
     def in_window(self) -> bool:

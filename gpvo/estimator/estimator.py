@@ -21,7 +21,8 @@ class Estimator(Protocol):
     """Turns inlier measurements into states of a continuous trajectory.
 
     What it had to leave out or rebuild is listed in `diagnostics`. A method `prepare`, if it has
-    one, is called after each update's results are out: it does what the next one needs of them.
+    one, is called after each update's results are out: it does what the next one needs of them. A
+    method `awaits_place(stop, measurements)`, if it has one, tells whether these wait until later.
     """
 
     diagnostics: list[Diagnostic]

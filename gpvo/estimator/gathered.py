@@ -30,8 +30,13 @@ class GatheredMeasurements:
         """Add what a cluster added that ended at `stop`, seconds; update when it is time."""
         self._waiting.append(self._beginning.add(stop, measurements))
         self._stop, self._velocity = stop, velocity
-        if stop - self._updated >= self._interval:
+        if stop - self._updated >= self._interval and not self._awaits_place(stop):
             self._update()
+
+    def _awaits_place(self, stop: float) -> bool:
+        """Return whether the estimator waits until landmarks tell where it is."""
+        awaits = getattr(self._estimator, "awaits_place", None)
+        return awaits is not None and awaits(stop, Measurements.concatenate(self._waiting))
 
     def prepare(self) -> None:
         """Let the estimator do what its next update needs, if it can before that."""

@@ -199,12 +199,12 @@ class LagWindow:
         update.add_states(self.numbered)
         update.add_factors(self._prior_on_first_state())
 
-    def extend(self, update: GraphUpdate, t: Array, twist: Array) -> None:
-        """Add key states at times t (N,), moving at a twist (6,)."""
+    def extend(self, update: GraphUpdate, ahead: States) -> None:
+        """Add the key states that come next, as they are predicted."""
         last, count, known = float(self.keys.t[-1]), len(self), self.keys[: self.solved]
-        self.keys = States.concatenate([self.keys, self.keys[-1:].at(t, twist)])
+        self.keys = States.concatenate([self.keys, ahead])
         update.add_states(self.numbered.after(count))
-        self.motion.extend(known, last, float(t[-1]))
+        self.motion.extend(known, last, float(ahead.t[-1]))
 
     def follow_motion(self, update: GraphUpdate) -> None:
         """Tie the key states that stay by WNOA priors with the Q_c that is known now."""

@@ -12,22 +12,22 @@ from factors.inner_factor import InnerFactor
 from factors.lie import se3_inverse
 from factors.stereo import Camera, as_camera
 from gpvo.config import EstimatorConfig, NoiseConfig, with_drift
+from gpvo.estimator.after_break import AfterBreak
 from gpvo.estimator.blas_threads import one_blas_thread
-from gpvo.estimator.dead_reckoning import ENOUGH, DeadReckoning
+from gpvo.estimator.dead_reckoning import DeadReckoning
 from gpvo.estimator.diagnostics import BEFORE_WINDOW, Diagnostic, left_out, split_usable
 from gpvo.estimator.final_states import FinalStates
 from gpvo.estimator.gate import predicted_covariance, within_gate
 from gpvo.estimator.graph_builder import GraphBuilder
 from gpvo.estimator.graph_update import GraphUpdate, graph_of
 from gpvo.estimator.initialization import InitialState, velocity_ahead
-from gpvo.estimator.known_place import KnownPlace, PoseInWorld
 from gpvo.estimator.lag_window import LagWindow, Leaving
 from gpvo.estimator.learned_noise import LearnedNoise
 from gpvo.estimator.newest_velocity import NewestVelocity
 from gpvo.estimator.own_factors import OwnFactors, Waiting
 from gpvo.estimator.segments import SegmentKnots
 from gpvo.estimator.solving import Solver
-from gpvo.estimator.state_times import Lag, key_interval, key_times
+from gpvo.estimator.state_times import SAME_TIME, Lag, key_interval, key_times
 from gpvo.mc_ransac.iterative import VelocityFit
 from gpvo.tracking.measurements import Measurements
 from gpvo.trajectory.motion_estimate import MotionEstimate
@@ -83,7 +83,7 @@ class FixedLagSmoother:
         self._window = self._new_window()
         self._leaving: Leaving | None = None
         self._final = FinalStates(self._config.settling)
-        self._place: KnownPlace | None = None
+        self._after_break = AfterBreak(self._build, self._reckoning)
 
     def update(
         self,
@@ -107,7 +107,9 @@ class FixedLagSmoother:
         self.diagnostics += diagnostics
         with one_blas_thread():
             self._bridge(usable.t, end_time)
-            self._update(np.array([end_time]), usable, velocity_estimate)
+            last = float(self._window.keys.t[-1]) if len(self._window) else -np.inf
+            ends = self._after_break.ends(usable, last, end_time)
+            self._update(ends, usable, velocity_estimate)
 
     def _bridge(self, measured: Array, end_time: float) -> None:
         """Carry the estimate on over a break in which there was no cluster, if there was one.
@@ -128,7 +130,8 @@ class FixedLagSmoother:
         """Go on to the ends (N,) of clusters, seconds, of which the last one was measured."""
         update = GraphUpdate()
         self.prepare()
-        if self._reckoning.is_over(len(usable)) and not self._own.used:
+        known = self._after_break.state(usable, self._window.keys[-1:], velocity_estimate)
+        if known is None and self._reckoning.is_over(len(usable)) and not self._own.used:
             self._begin_again(update, usable, velocity_estimate)
         elif len(self._window):
             self._let_leave()
@@ -138,14 +141,21 @@ class FixedLagSmoother:
             return
         for end_time in ends.tolist():
             self._lag.advance(end_time)
-            self._extend(update, usable, end_time, velocity_estimate)
+            self._extend(update, usable, end_time, velocity_estimate, known)
         self._window.follow_motion(update)
         accepted = self._accepted(usable)
         self.diagnostics += self._own.add_to(update, self._window.numbered)
         self._solve(update, accepted)
         self._reckoning.measured(float(ends[-1]), self._window.keys.twist[-1], len(accepted))
-        self._keep_place(len(accepted))
+        self._after_break.keep(len(accepted), self._window, self._segments)
         self._judge_newest()
+
+    def awaits_place(self, stop: float, new: Measurements) -> bool:
+        """Return whether new measurements until `stop`, seconds, are to wait for known landmarks.
+
+        After a break these tell where the camera is, but may be found later than new ones.
+        """
+        return self._after_break.awaits(stop, new)
 
     def prepare(self) -> None:
         """Do now what the next update needs of this one's estimate; else that does it itself.
@@ -154,7 +164,9 @@ class FixedLagSmoother:
         """
         if self._leaving is None and len(self._window):
             with one_blas_thread():
-                self._leaving = self._window.what_leaves(self._lag.start)
+                start, stop = self._lag.start, float(self._window.keys.t[-1])
+                before = self._after_break.leave_before(start, stop)
+                self._leaving = self._window.what_leaves(before)
                 self._learn_noise()
 
     def add(
@@ -277,11 +289,13 @@ class FixedLagSmoother:
     ) -> None:
         """Begin a new segment where landmarks tell the pose, or at the last key state before."""
         window, start = self._window, float(new.t.min())
-        last = max(int(np.searchsorted(window.keys.t, start, "right")) - 1, 0)
+        twist = window.keys.twist[-1] if velocity is None else velocity.velocity
+        place = self._after_break.place(new, twist) if start > window.keys.t[0] else None
+        before = start if place is None else start - SAME_TIME
+        last = max(int(np.searchsorted(window.keys.t, before, "right")) - 1, 0)
         ends = window.states_until(last)
         states = States.concatenate([*self._final.parts, ends])
         knots = window.knots.followed_by(window.knots_of(ends))
-        place = self._place_again(new, velocity) if start > ends.t[-1] else None
         if place is None:
             t, first = float(ends.t[-1]), last
             self._initial = self._reckoning.state_after(ends.T_world_cam[-1])
@@ -298,22 +312,6 @@ class FixedLagSmoother:
         self._window, self._leaving = self._new_window(window.first + first), None
         self._lag = Lag(self._config)
         self._window.begin(update, t, velocity)
-
-    def _place_again(self, new: Measurements, velocity: VelocityFit | None) -> PoseInWorld | None:
-        """Find the pose at the first measurement by landmarks that were known before."""
-        if self._place is None or velocity is None:
-            return None
-        return self._place.pose(self._build.camera, self._build.noise, new, velocity)
-
-    def _keep_place(self, count: int) -> None:
-        """Keep the landmarks as they are known when their measurements cease."""
-        if count >= ENOUGH:
-            self._place = None
-        elif self._place is None and self._config.lost_landmarks:
-            T = self._window.keys.T_world_cam[:1]
-            spread = self._segments.pose_covariance(T)[0]
-            covariance = self._window.first_covariance[:6, :6] + spread
-            self._place = KnownPlace(*self.landmarks, PoseInWorld(T[0], covariance))
 
     def _judge_newest(self) -> None:
         """Compare velocities that were the newest with what is known of them now."""
@@ -346,6 +344,7 @@ class FixedLagSmoother:
         measurements: Measurements,
         end_time: float,
         velocity: VelocityFit | None,
+        known: States | None,
     ) -> None:
         """Add key states up to the cluster's end."""
         keys = self._window.keys
@@ -353,7 +352,7 @@ class FixedLagSmoother:
         t = key_times(keys.t[-1], measurements.t, stop, self._interval(measurements))
         if len(t):
             ahead = velocity_ahead(keys, t[-1], velocity, self._build.noise)
-            self._window.extend(update, t, ahead)
+            self._window.extend(update, keys[-1:].at(t, ahead) if known is None else known.at(t))
 
     def _interval(self, measurements: Measurements) -> float:
         """Longest time between two key states, seconds."""

@@ -1,6 +1,7 @@
 """The pose of a camera that measures known points, wherever it is, some of them wrongly.
 
-Three right matches determine it (RANSAC); those that agree with it refine it.
+Three right matches determine it (RANSAC); those that agree with it refine it. Their points are as
+far apart where they are measured as where they are known, which few wrong ones are.
 """
 
 from __future__ import annotations
@@ -15,7 +16,13 @@ from factors.lie import se3_exp, skew
 Array = NDArray[np.float64]
 
 SAMPLES = 4000
-"""Triples of matches from which a pose is made."""
+"""Triples of matches from which a pose is made, at most."""
+DRAWS = 400_000
+"""Matches that are drawn for them, at most."""
+TRIES = 40
+"""Matches that are drawn for one corner of a triple, at most."""
+PRECISION = 1.0
+"""Deviation of a measurement that is allowed when distances are compared, pixels."""
 TOLERANCE = 3.0
 """Largest error of a match that agrees with a pose, pixels of (u_left, v, disparity)."""
 LEAST = 10
@@ -24,18 +31,22 @@ STEPS = 5
 """Gauss-Newton steps in which the pose is refined on the matches that agree."""
 
 
-def pose_of_matches(camera: StereoCamera, points: Array, measured: Array) -> Array | None:
+def pose_of_matches(
+    camera: StereoCamera, points: Array, measured: Array, least: int = LEAST
+) -> Array | None:
     """Find the pose (4, 4) in which points (N, 3) are measured, (N, 3); None if too few agree."""
-    if len(points) < LEAST:
+    if len(points) < max(least, 3):
         return None
-    return fitted_pose(camera, _best_of_samples(camera, points, measured), points, measured)
+    return fitted_pose(camera, _best_of_samples(camera, points, measured), points, measured, least)
 
 
-def fitted_pose(camera: StereoCamera, T: Array, points: Array, measured: Array) -> Array | None:
-    """Fit a pose (4, 4) to the points (N, 3) that agree with it; None if too few do."""
+def fitted_pose(
+    camera: StereoCamera, T: Array, points: Array, measured: Array, least: int = LEAST
+) -> Array | None:
+    """Fit a pose (4, 4) to the points (N, 3) that agree with it; None if fewer than `least` do."""
     for _ in range(STEPS):
         agree = agreeing(camera, T, points, measured)
-        if agree.sum() < LEAST:
+        if agree.sum() < least:
             return None
         T = _refined(camera, T, points[agree], measured[agree])
     return T
@@ -56,15 +67,50 @@ def jacobian_of_pose(camera: StereoCamera, T: Array, points: Array) -> tuple[Arr
 
 def _best_of_samples(camera: StereoCamera, points: Array, measured: Array) -> Array:
     """Return the pose (4, 4) of three matches with which most agree; of points (N, 3) in start."""
-    rng = np.random.default_rng(0)
-    samples = rng.integers(0, len(points), (SAMPLES, 3))
     seen = camera.triangulate(measured)
+    samples = _rigid_triples(camera, points, seen)
     there, here = _corners(points[samples]), _corners(seen[samples])
-    T = np.tile(np.eye(4), (SAMPLES, 1, 1))
+    T = np.tile(np.eye(4), (len(samples), 1, 1))
     T[:, :3, :3] = there @ here.transpose(0, 2, 1)
     middle = seen[samples].mean(axis=1)
     T[:, :3, 3] = points[samples].mean(axis=1) - np.einsum("nij,nj->ni", T[:, :3, :3], middle)
     return np.asarray(T[_agree(camera, T, points, measured).sum(axis=1).argmax()])
+
+
+def _rigid_triples(camera: StereoCamera, points: Array, seen: Array) -> NDArray[np.int64]:
+    """Draw triples (K, 3) of matches, K > 0, of points (N, 3) as far apart as they are seen."""
+    fx, *_, baseline = camera.parameters
+    z = seen[:, 2]
+    deviation = PRECISION * np.hypot(z**2 / (fx * baseline), z / fx)
+    draws = np.random.default_rng(0).integers(0, len(points), DRAWS)
+    triples = _rigid_triples_kernel(points, seen, deviation, draws)
+    return triples if len(triples) else np.array([[0, 1, 2]])
+
+
+@kernel
+def _rigid_triples_kernel(
+    points: Array, seen: Array, deviation: Array, draws: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    triples = np.empty((SAMPLES, 3), np.int64)
+    count = corners = tries = 0
+    for match in draws:
+        if count == SAMPLES:
+            break
+        fits = True
+        for corner in triples[count, :corners]:
+            apart = np.sqrt(np.sum((points[match] - points[corner]) ** 2))
+            apart_seen = np.sqrt(np.sum((seen[match] - seen[corner]) ** 2))
+            tolerance = np.hypot(deviation[match], deviation[corner])
+            fits &= apart > 0 and abs(apart - apart_seen) < tolerance
+        tries += 1
+        if fits:
+            triples[count, corners] = match
+            corners, tries = corners + 1, 0
+        if corners == 3:
+            count, corners = count + 1, 0
+        if tries == TRIES:
+            corners, tries = 0, 0
+    return triples[:count]
 
 
 def _corners(triangles: Array) -> Array:

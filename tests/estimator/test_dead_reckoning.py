@@ -212,15 +212,15 @@ def test_with_factors_of_your_own_the_graph_stays_one() -> None:
 def test_the_guessed_velocity_settles_at_the_speed_seen_last(dt: float) -> None:
     """Of the Riccati equation of prior and measurement, the solution is the speed's square."""
     reckoning = DeadReckoning(BRIDGE)
-    reckoning.measured(0.0, np.array([0.5, 0, 0, 0, 0.4, 0.0]), 100)
+    reckoning.measured(0.0, np.array([0.9, 0, 0, 0, 0.8, 0.0]), 100)
     reckoning.extend(BRIDGE, BRIDGE + dt)
     t = np.array([BRIDGE, BRIDGE + dt])
     qc = reckoning.densities(t, np.zeros(6))[0]
     (factor,) = reckoning.at_rest(range(2), t)
     assert isinstance(factor, gtsam.PriorFactorVector)
     R = np.array(factor.noiseModel().sigmas()) ** 2
-    assert (LEAST_SPEED < [0.5, 0.4]).all()
-    predicted = (LIVELY * np.repeat([0.5, 0.4], 3)) ** 2
+    assert (LEAST_SPEED < [0.9, 0.8]).all()
+    predicted = (LIVELY * np.repeat([0.9, 0.8], 3)) ** 2
     # before the measurement the variance is s^2 / (1 - K), after it s^2
     ahead = predicted + qc * dt
     np.testing.assert_allclose(ahead * R / (ahead + R), predicted, rtol=1e-6)

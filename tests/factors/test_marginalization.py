@@ -29,6 +29,8 @@ from windows import (
 from factors import LandmarkPrior, Marginal, StructurelessStereoFactor, marginalize
 from factors.lie import se3_exp, se3_inverse
 from factors.structureless import marginalization
+from factors.structureless.joint_system import Eliminated
+from factors.structureless.marginalization import _Known
 
 Array = NDArray[np.float64]
 
@@ -386,3 +388,14 @@ def test_identities_may_be_as_large_as_keys(shift: int) -> None:
     following = [w.factor(2, QC, m.prior) for w, m in ((WINDOW, small), (large, found))]
     assert following[0].error(WINDOW.truth) == following[1].error(WINDOW.truth)
     assert following[0].redundancy == following[1].redundancy
+
+
+def test_landmarks_that_a_far_step_takes_behind_their_view_are_forgotten() -> None:
+    """One of them had made the whole prior infinite."""
+    eye = np.tile(np.eye(4), (3, 1, 1))
+    coordinates = np.array([[0.1, 0.2, 0.5], [0.1, 0.2, -0.01], [0.1, 0.2, 0.5]])
+    rows = Eliminated(np.arange(1), np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3, 1)), np.ones(3))
+    rows.known[2] = 0.0
+    known = _Known(np.arange(3), eye, coordinates, np.zeros((3, 3)), rows)
+    np.testing.assert_array_equal(known.is_known, [True, False, False])
+    np.testing.assert_array_equal(known.only(known.is_known).number, [0])

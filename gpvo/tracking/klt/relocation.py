@@ -24,8 +24,13 @@ ROLL = 0.4
 """Turn of a guessed pose around the optical axis, rad: it changes patches most."""
 CELL = 2
 """Side of the cells whose means are compared, pixels: features are not just where landmarks are."""
-CANDIDATES = 2
-"""Features that are most alike, with each of which a landmark is matched."""
+CANDIDATES = 4
+"""Landmarks that are most alike, with each of which a feature is matched."""
+LEAST = 7
+"""Least number of matches that agree; then more landmarks are to be found where the pose has them.
+
+By chance three or four agree.
+"""
 FARTHEST = 6.0
 """Largest distance of a match from its feature, pixels."""
 
@@ -43,7 +48,7 @@ def relocated_pose(
         warps = warp(camera, guess, lost.anchors.sights)
         landmark, measured = _matches(frame, lost.anchors, warps, least_correlation)
         points = points_in_start(camera, lost.sights)[landmark]
-        T = pose_of_matches(camera, points, measured)
+        T = pose_of_matches(camera, points, measured, LEAST)
         if T is not None:
             return T
     return None
@@ -90,8 +95,8 @@ def _most_alike(frame: Frame, anchors: Anchors, warps: Array) -> tuple[Index, In
     seen = warped_patches(Anchors.of_image(frame.left_image, frame.sights), upright, side)
     known = warped_patches(anchors, warps, side)
     alike = _normalised(known) @ _normalised(seen).T
-    best = np.argsort(-alike, axis=1, kind="stable")[:, :CANDIDATES]
-    return np.repeat(np.arange(len(anchors)), best.shape[1]), best.ravel()
+    best = np.argsort(-alike.T, axis=1, kind="stable")[:, :CANDIDATES]
+    return best.ravel(), np.repeat(np.arange(len(frame.left)), best.shape[1])
 
 
 def _normalised(patches: NDArray[np.float32]) -> NDArray[np.float32]:
