@@ -102,6 +102,7 @@ class LagWindow:
         self.landmarks = WindowLandmarks(build)
         self.knots = WindowKnots(build.config.covariance_interval)
         self._smoother, self.leaves = KeyStateSmoother(), NOTHING
+        self._is_measured = False
 
     def __len__(self) -> int:
         return len(self.keys)
@@ -221,6 +222,7 @@ class LagWindow:
         """
         count, left = self.leaves.count, self.leaves.landmarks
         self.landmarks.add(new)
+        self._is_measured = len(new) > 0
         own = factors_that_leave(update.factors, self.numbered, count)
         if left is None or own:
             left = self._marginalised(count, own)
@@ -234,7 +236,7 @@ class LagWindow:
         RuntimeError, IndexError, ValueError
             If that fails; a factor of a user's own raises what it likes.
         """
-        more_steps = GUESSED_STEPS if self._reckoning.in_window else 0
+        more_steps = GUESSED_STEPS if self._is_measured and self._reckoning.in_window else 0
         times = float(self.keys.t[-1]), self.leaves.before
         added = self._smoother.update(update, *times, more_steps)
         self.landmarks.updated(added)
