@@ -24,8 +24,6 @@ Array = NDArray[np.float64]
 
 PATIENCE = 0.3
 """Time for which known landmarks are waited for, seconds: the tracker finds them until then."""
-
-
 FEW, MANY = 6, 10
 """Landmarks that agree on a pose, at least: to start the solver from, and to stay there."""
 
@@ -56,7 +54,7 @@ class AfterBreak:
 
     def awaits(self, stop: float, new: Measurements) -> bool:
         """Return whether new measurements until `stop`, seconds, wait for known landmarks."""
-        start = float(new.t.min(initial=np.inf))
+        start = _start_of(new)
         if self._place is None or not 0 <= stop - start <= PATIENCE:
             return False
         return self._reckoning.is_guessed(start) and self._place.known(new) < MANY
@@ -66,7 +64,7 @@ class AfterBreak:
 
         What is measured is no guess. The last state is at `last`, seconds.
         """
-        start = float(new.t.min(initial=np.inf))
+        start = _start_of(new)
         if len(new) < ENOUGH or not self._reckoning.is_guessed(start):
             return np.array([stop])
         self._reckoning.see(start)
@@ -80,18 +78,29 @@ class AfterBreak:
         It is at the first new measurement; `guess` is the last state. None if they do not tell, or
         the break was too long to be solved in one window.
         """
-        start = float(new.t.min(initial=np.inf))
+        start = _start_of(new)
         if not (self._reckoning.is_guessed(start) and self._reckoning.holds(start)):
             return None
-        twist = guess.twist[-1] if velocity is None else velocity.velocity
-        place = self.place(new, twist, FEW)
+        place = self.place(new, guess, velocity, FEW)
         if place is None:
             return None
-        return States(np.array([start]), place.T_world_cam[None], twist[None])
+        return States(np.array([start]), place.T_world_cam[None], _twist(guess, velocity)[None])
 
-    def place(self, new: Measurements, twist: Array, least: int = MANY) -> PoseInWorld | None:
-        """Find the pose at the first new measurement, where the camera moves at a twist (6,)."""
+    def place(
+        self, new: Measurements, guess: States, velocity: VelocityFit | None, least: int = MANY
+    ) -> PoseInWorld | None:
+        """Find the pose at the first new measurement; None if landmarks do not tell."""
         if self._place is None or len(new) < ENOUGH:
             return None
-        given = self._build.camera, self._build.noise, new, twist, self._reckoning.speed
-        return self._place.pose(*given, least)
+        noise, twist = self._build.noise, _twist(guess, velocity)
+        return self._place.pose(self._build.camera, noise, new, twist, self._reckoning.speed, least)
+
+
+def _start_of(new: Measurements) -> float:
+    """Return the time of the first of new measurements, seconds; infinity if there are none."""
+    return float(new.t.min(initial=np.inf))
+
+
+def _twist(guess: States, velocity: VelocityFit | None) -> Array:
+    """Return the twist (6,) that was measured, else the one that is guessed."""
+    return guess.twist[-1] if velocity is None else velocity.velocity

@@ -86,11 +86,8 @@ class DeadReckoning:
 
     def extend(self, start: float, stop: float) -> None:
         """Note the time between two clusters' ends, before the motion in it is estimated."""
-        if start >= self._seen:
-            return
-        unknown = start - self._measured
-        if np.isfinite(self._bridge) and unknown >= min(LOOSE, self._bridge) - 1e-6:
-            forgotten = unknown >= self._bridge - 1e-6
+        if start < self._seen and self.is_guessed(start):
+            forgotten = start - self._measured >= self._bridge - 1e-6
             speed = LIVELY * np.repeat(self._speed, 3)
             self._guessed.append(_Guess(start, stop, speed, forgotten))
 
@@ -105,8 +102,9 @@ class DeadReckoning:
         return self._guessed[-1].forgotten and self._guessed[-1].stop > self._measured
 
     def is_guessed(self, t: float) -> bool:
-        """Return whether the motion before a measurement at t, seconds, is guessed."""
-        return np.isfinite(self._bridge) and t - self._measured >= min(LOOSE, self._bridge)
+        """Return whether nothing is measured for so long before t, seconds, that it is guessed."""
+        unknown = t - self._measured
+        return np.isfinite(self._bridge) and unknown >= min(LOOSE, self._bridge) - 1e-6
 
     def holds(self, t: float) -> bool:
         """Return whether a break up to t, seconds, is so short that what was before is held."""

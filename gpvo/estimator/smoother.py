@@ -289,8 +289,8 @@ class FixedLagSmoother:
     ) -> None:
         """Begin a new segment where landmarks tell the pose, or at the last key state before."""
         window, start = self._window, float(new.t.min())
-        twist = window.keys.twist[-1] if velocity is None else velocity.velocity
-        place = self._after_break.place(new, twist) if start > window.keys.t[0] else None
+        may_be_told = start > window.keys.t[0]
+        place = self._after_break.place(new, window.keys[-1:], velocity) if may_be_told else None
         before = start if place is None else start - SAME_TIME
         last = max(int(np.searchsorted(window.keys.t, before, "right")) - 1, 0)
         ends = window.states_until(last)
