@@ -142,6 +142,16 @@ def test_clean_stream_is_left_alone(seed: int, cuts: list[int]) -> None:
     assert noise_filter.noise(2.0, np.inf).passing == 0
 
 
+@pytest.mark.parametrize("rows", [48, 4])
+def test_little_noise_is_left_out_where_it_is_most_of_the_events(rows: int) -> None:
+    """In the dark contours are as rare; the edge has 3.2 or 0.3 events per pixel and second."""
+    size, rate = (64, 48), 0.6
+    noise, contour = poisson(rate, size, 4.0), edge(20, rows, 4.0)
+    kept = EventFilter(size, ClusteringConfig())(together(noise, contour)).between(2.0, 4.0)
+    passes = (len(kept) - np.isin(kept.t, contour.t).sum()) / len(noise.between(2.0, 4.0))
+    assert passes == 1 if rows == 48 else passes < 0.3
+
+
 @pytest.mark.parametrize("size", [(96, 64), (240, 180), (346, 260)])
 @pytest.mark.parametrize("rate", [1.0, 3.0, 8.0])
 @pytest.mark.parametrize("moving", [False, True])
