@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gpvo.events import StereoCluster
-from gpvo.front_end import TrackedCluster
+from gpvo.front_end import FEW_INLIERS, TrackedCluster
 from gpvo.tracking import TrackingReport
-
-FEW_INLIERS = 6
-"""Number of inliers below which a cluster hardly measures the motion: twice the smallest sample."""
 
 
 @dataclass(frozen=True)

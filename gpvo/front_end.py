@@ -32,6 +32,8 @@ from gpvo.tracking import (
 )
 from gpvo.trajectory import MotionEstimate
 
+FEW_INLIERS = 6
+"""Number of inliers below which a cluster hardly measures the motion: twice the smallest sample."""
 AGREE = 0.5
 """Share of the features that are inliers where the motion is known well."""
 
@@ -178,8 +180,10 @@ class FrontEnd:
         self, cluster: StereoCluster, later: Measurements, estimate: VelocityFit | None
     ) -> None:
         """Learn what the next cluster's length and tracks depend on: how fast images move."""
-        if estimate is not None:
+        if estimate is not None and estimate.inliers.sum() >= FEW_INLIERS:
             self._acceleration.follow(cluster.stop, estimate.velocity, later.stereo[:, 2])
+        else:
+            self._acceleration.wait(cluster.stop)
         if self._motion is not None:
             self._motion.velocity = trusted_velocity(estimate, self._latest, cluster.middle)
         self._image_speed = self._tracklets.image_speed()

@@ -12,6 +12,8 @@ from factors import StereoCamera
 Array = NDArray[np.float64]
 APART = 0.04
 """Least time between velocities that are compared, seconds: nearer ones differ by their noise."""
+FORGOTTEN = 0.15
+"""Time without a velocity after which the acceleration is unknown again, seconds."""
 
 
 class ImageAcceleration:
@@ -43,6 +45,11 @@ class ImageAcceleration:
             self._nearness = float(np.median(disparity)) / self._camera.baseline
             self.value = float(self._camera.fx * turn + self._nearness * shift)
         self._known.append((t, velocity))
+
+    def wait(self, t: float) -> None:
+        """Let time pass until t, seconds, in which no velocity was found."""
+        if self._known and t - self._known[-1][0] > FORGOTTEN:
+            self.value = np.inf
 
     def density(self, qc: Array) -> float:
         """Return its power spectral density if that of the body is qc (6,), pixels^2 / s^3.

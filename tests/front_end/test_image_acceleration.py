@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from factors import StereoCamera
 from gpvo.tracking import ImageAcceleration
-from gpvo.tracking.image_acceleration import APART
+from gpvo.tracking.image_acceleration import APART, FORGOTTEN
 
 CAMERA = StereoCamera(200.0, 200.0, 120.0, 90.0, 0.1)
 twists = st.lists(st.floats(-3, 3), min_size=6, max_size=6).map(np.array)
@@ -68,3 +68,15 @@ def test_velocities_that_are_compared_are_apart_in_time(seed: int, dt: float) ->
     before = np.flatnonzero(t <= t[-1] - APART)[-1]
     expected = CAMERA.fx * abs(rates[-1] - rates[before]) / (t[-1] - t[before])
     assert known.value == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("waited", [0.9, 1.1])
+def test_it_is_unknown_again_where_no_velocity_is_found_for_a_while(waited: float) -> None:
+    known = ImageAcceleration(CAMERA)
+    for k in range(3):
+        known.follow(0.1 * k, np.arange(6.0) * k, np.full(5, 10.0))
+    before = known.value
+    known.wait(0.2 + waited * FORGOTTEN)
+    assert known.value == (before if waited < 1 else np.inf)
+    known.follow(0.5, np.zeros(6), np.full(5, 10.0))
+    assert known.value < np.inf
