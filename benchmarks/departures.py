@@ -54,6 +54,7 @@ DEPARTURES: dict[str, tuple[str, ...]] = {
     "equal deviations": ("tracking.klt.deviations",),
     "contours where they are seen": ("tracking.compensation.lag_share",),
     "pictures of their own events": ("tracking.compensation.little_motion",),
+    "moved as before where lost": ("tracking.compensation.sharpest",),
     "all events of dense clusters": ("tracking.compensation.density",),
     "disparities from 2 pixels on": ("tracklets.min_disparity",),
     "image motion of 2 pixels": ("tracklets.min_length",),

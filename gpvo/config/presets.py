@@ -43,7 +43,12 @@ PAPER: dict[str, Any] = {
             "deviations": False,
             "lost_landmarks": 0,
         },
-        "compensation": {"lag_share": 0.0, "little_motion": 0.0, "density": None},
+        "compensation": {
+            "lag_share": 0.0,
+            "little_motion": 0.0,
+            "sharpest": False,
+            "density": None,
+        },
     },
     "tracklets": {
         "time_radius": 0.0,

@@ -26,6 +26,7 @@ from gpvo.tracking.event_sums import Flow
 from gpvo.tracking.feature_flow import direction, flow_between, median_length
 from gpvo.tracking.missing_data import MissingData
 from gpvo.tracking.observations import Observations
+from gpvo.tracking.sharpest_flow import sharpest_flow
 
 Array = NDArray[np.float64]
 
@@ -119,13 +120,25 @@ class MotionCompensation:
         elif self.hardly_moved:
             left, right = self._moving = self._continued(cluster, middle)
         else:
+            flows = self._flows_in(cluster)
             left, right = both(
-                partial(self._compensated, cluster.left, self._flows[0], middle),
-                partial(self._compensated, cluster.right, self._flows[1], middle),
+                partial(self._compensated, cluster.left, flows[0], middle),
+                partial(self._compensated, cluster.right, flows[1], middle),
             )
             if not self._still:
                 self._moving = left, right
         return left, right
+
+    def _flows_in(self, cluster: StereoCluster) -> tuple[Flow, Flow]:
+        """Return what the latest features tell; if these are lost, what makes sharp pictures.
+
+        The motion before may have turned, and blurs more than none.
+        """
+        told = len(self._images) < 2 or self._learned == self._frame_count
+        if told or self._flows[0] is UNKNOWN or not self._config.sharpest:
+            return self._flows
+        flow = sharpest_flow(cluster.left, cluster.start, cluster.stop, self._side)
+        return (UNKNOWN, UNKNOWN) if flow is None else (flow, flow)
 
     def take_back(self) -> None:
         """Forget the latest two pictures, and what was seen in them; keep the motion they told."""

@@ -45,6 +45,10 @@ def spot(place: np.ndarray, motion: np.ndarray, seed: int, count: int = 400) -> 
     return shown(points, t, SHAPE)
 
 
+def difference(picture: np.ndarray, other: np.ndarray) -> float:
+    return float(np.abs(picture.astype(float) - other).mean())
+
+
 def centroid(image: CompensatedImage) -> np.ndarray:
     v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
     return np.array([(image.count * u).sum(), (image.count * v).sum()]) / image.count.sum()
@@ -226,6 +230,38 @@ def test_a_stream_that_begins_at_rest_shows_nothing_until_something_moves(count:
     for number in range(8, 10):
         left, _ = compensation.pictures(cluster_at(0.06 * number, contours(0.06 * number, 1500)))
         assert left.any() and not compensation.at_rest
+
+
+@pytest.mark.parametrize("sharpest", [True, False])
+def test_where_features_are_lost_pictures_are_sharp_even_so(sharpest: bool) -> None:
+    """The motion turned meanwhile: that of the features before blurs more than none."""
+    config = CompensationConfig(time_radius=4.0, little_motion=0.0, sharpest=sharpest)
+    compensation, things = MotionCompensation(config, frames=5), np.random.default_rng(5)
+    places = things.uniform([15, 12], [65, 48], (12, 2))
+
+    def cluster(number: int, motion: np.ndarray) -> StereoCluster:
+        rng, start = np.random.default_rng(number), 0.06 * number
+        t = np.sort(rng.uniform(start, start + 0.06, 3000))
+        points = places[rng.integers(12, size=3000)] + rng.normal(0, 0.5, (3000, 2))
+        points += (t - start - 0.03)[:, None] * motion
+        return cluster_at(start, shown(points, t, SHAPE))
+
+    ahead = np.array([150.0, 0.0])
+    for number in range(3):
+        compensation.pictures(cluster(number, ahead))
+        seen = places + 0.06 * number * ahead if number < 2 else places[:0]
+        landmark, frame = np.arange(len(seen)), np.full(len(seen), number)
+        compensation.timed(Observations(landmark, frame, seen, seen))
+    back = cluster(3, -ahead)
+    left, _ = compensation.pictures(back)
+    true, blurred = (
+        CompensatedImage.of_events(back.left, constant_flow(motion), back.middle).picture
+        for motion in (-ahead, ahead)
+    )
+    if sharpest:
+        assert difference(left, true) < 0.2 * difference(blurred, true)
+    else:
+        np.testing.assert_array_equal(left, blurred)
 
 
 def test_half_resolution_pictures_are_those_of_events_in_larger_pixels() -> None:

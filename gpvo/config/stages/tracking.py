@@ -41,6 +41,11 @@ class CompensationConfig(StageConfig):
         "events tell, the picture goes on showing the events before, too, and what is seen in it "
         "is less certain by that way: such as where the motion turns. 0 shows the new ones alone.",
     )
+    sharpest: bool = Field(
+        default=True,
+        description="Where no features are followed into a cluster, move the events of the next "
+        "one so that its picture is sharpest; false moves them as before.",
+    )
     density: float | None = Field(
         default=0.5,
         gt=0,
