@@ -152,8 +152,8 @@ class FrontEnd:
             inliers = np.zeros(len(later), bool) if estimate is None else estimate.inliers
             self._tracklets.reject(later.landmark[~inliers])
             measurements = self._tracklets.take(later.landmark[inliers])
-        self._learn_motion(cluster, later, estimate)
         self._inliers = int(inliers.sum())
+        self._learn_motion(cluster, later, estimate)
         return TrackedCluster(
             observations,
             self._tracking_report(),
@@ -180,7 +180,7 @@ class FrontEnd:
         self, cluster: StereoCluster, later: Measurements, estimate: VelocityFit | None
     ) -> None:
         """Learn what the next cluster's length and tracks depend on: how fast images move."""
-        if estimate is not None and estimate.inliers.sum() >= FEW_INLIERS:
+        if estimate is not None and self._inliers >= FEW_INLIERS:
             self._acceleration.follow(cluster.stop, estimate.velocity, later.stereo[:, 2])
         else:
             self._acceleration.wait(cluster.stop)

@@ -18,6 +18,7 @@ from gpvo.events import ClusterEvents
 from gpvo.tracking.event_sums import CELL, Flow
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 TILES = 3, 4
 """Rows and columns of tiles."""
@@ -42,18 +43,17 @@ def sharpest_flow(events: ClusterEvents, start: float, stop: float, side: int) -
 
     It is in pixels that are `side` pixels of the sensor wide. None if there are too few events.
     """
-    width, height = (length // side for length in events.resolution)
-    points, times, is_on = _some_of(events, start, stop, side)
+    size, some = np.array(events.resolution) // side, _some_of(events, start, stop, side)
     ways = np.full((*TILES, 2), np.nan)
     for row, column in np.ndindex(*TILES):
-        ways[row, column] = _way_in_tile(row, column, (height, width), points, times, is_on)
+        ways[row, column] = _way_in_tile(np.array([column, row]), size, *some)
     known = np.isfinite(ways[..., 0])
     if not known.any():
         return None
     ways[~known] = np.median(ways[known], axis=0)
     smooth = median_filter(ways, size=(3, 3, 1), mode="nearest") / (stop - start)
-    cells = -(-width // CELL), -(-height // CELL)
-    return np.asarray(cv2.resize(smooth.astype(np.float32), cells), np.float32)
+    cells = -(-size // CELL)
+    return np.asarray(cv2.resize(smooth.astype(np.float32), cells.tolist()), np.float32)
 
 
 def _some_of(
@@ -68,28 +68,25 @@ def _some_of(
 
 
 def _way_in_tile(
-    row: int,
-    column: int,
-    shape: tuple[int, int],
-    points: Array,
-    times: Array,
-    is_on: NDArray[np.bool_],
+    place: Index, size: Index, points: Array, times: Array, is_on: NDArray[np.bool_]
 ) -> Array:
-    """Find the way (2,) of the events in and around a tile during the cluster; NaN if few."""
-    tile = np.array(shape[::-1]) / TILES[::-1]
-    middle = (np.array([column, row]) + 0.5) * tile
-    first = np.maximum(middle - 0.5 * OVERLAP * tile, 0)
-    end = np.minimum(middle + 0.5 * OVERLAP * tile, shape[::-1])
+    """Find the way (2,) of the events in and around a tile during the cluster; NaN if few.
+
+    It is the one at column and row `place` (2,) of an image of the width and height `size` (2,).
+    """
+    tile = size / TILES[::-1]
+    middle, half = (place + 0.5) * tile, 0.5 * OVERLAP * tile
+    first, end = np.maximum(middle - half, 0), np.minimum(middle + half, size)
     inside = ((points >= first) & (points < end)).all(axis=1)
     if np.count_nonzero(inside) < FEW:
         return np.full(2, np.nan)
-    size = np.ceil(end - first).astype(np.int64)
-    return sharpest_way_kernel(points[inside] - first, times[inside], is_on[inside], size)
+    seen = np.ceil(end - first).astype(np.int64)
+    return sharpest_way_kernel(points[inside] - first, times[inside], is_on[inside], seen)
 
 
 @kernel
 def sharpest_way_kernel(
-    points: Array, times: Array, is_on: NDArray[np.bool_], size: NDArray[np.int64]
+    points: Array, times: Array, is_on: NDArray[np.bool_], size: Index
 ) -> Array:
     """Find the way (2,) in one unit of time along which events make the sharpest picture.
 
@@ -122,7 +119,7 @@ def sharpness_kernel(
     along: float,
     down: float,
     side: int,
-    size: NDArray[np.int64],
+    size: Index,
     counts: NDArray[np.int32],
 ) -> float:
     """Compute the mean number of others on an event's pixel, if moved back along (along, down).

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gpvo.cluster_report import FEW_INLIERS, ClusterReport
+from gpvo.cluster_report import ClusterReport
 from gpvo.faults import Fault
+from gpvo.front_end import FEW_INLIERS
 from gpvo.tracking import TrackingReport
 from gpvo.trajectory import Trajectory
 from gpvo.verdict import MOSTLY, verdict

@@ -7,8 +7,9 @@ from dataclasses import replace
 import pytest
 
 from gpvo import Odometry
-from gpvo.cluster_report import FEW_INLIERS, ClusterReport
+from gpvo.cluster_report import ClusterReport
 from gpvo.faults.outliers import ENOUGH, MANY, PERIOD, many_outliers
+from gpvo.front_end import FEW_INLIERS
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate
 
 LENGTH = 0.05

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from gpvo import Odometry
-from gpvo.cluster_report import FEW_INLIERS, ClusterReport
+from gpvo.cluster_report import ClusterReport
 from gpvo.config import Configuration
 from gpvo.errors import InputError
+from gpvo.front_end import FEW_INLIERS
 from gpvo.lost_stage import EARLY, FEW_LANDMARKS, is_lost, lost_stage
 from gpvo.recordings import Events
 from gpvo.simulation import SimulatedRecording, SimulationConfig, simulate

@@ -236,8 +236,8 @@ def test_a_stream_that_begins_at_rest_shows_nothing_until_something_moves(count:
 def test_where_features_are_lost_pictures_are_sharp_even_so(sharpest: bool) -> None:
     """The motion turned meanwhile: that of the features before blurs more than none."""
     config = CompensationConfig(time_radius=4.0, little_motion=0.0, sharpest=sharpest)
-    compensation, things = MotionCompensation(config, frames=5), np.random.default_rng(5)
-    places = things.uniform([15, 12], [65, 48], (12, 2))
+    compensation = MotionCompensation(config, frames=5)
+    places = np.random.default_rng(5).uniform([15, 12], [65, 48], (12, 2))
 
     def cluster(number: int, motion: np.ndarray) -> StereoCluster:
         rng, start = np.random.default_rng(number), 0.06 * number
