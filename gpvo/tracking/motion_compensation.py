@@ -17,23 +17,19 @@ from numpy.typing import NDArray
 
 from gpvo.config.stages import CompensationConfig
 from gpvo.events import ClusterEvents, StereoCluster
-from gpvo.events.noise_level import NoiseLevel
 from gpvo.second_thread import both
 from gpvo.tracking.compensated_image import CompensatedImage
 from gpvo.tracking.contour_lag import StereoLag
-from gpvo.tracking.contour_way import USUAL, ContourWay
+from gpvo.tracking.contour_way import ContourWay
 from gpvo.tracking.event_sums import Flow
 from gpvo.tracking.feature_flow import direction, flow_between, median_length
 from gpvo.tracking.missing_data import MissingData
 from gpvo.tracking.observations import Observations
+from gpvo.tracking.rest import Rest
 from gpvo.tracking.sharpest_flow import sharpest_flow
 
 Array = NDArray[np.float64]
 
-STILL = 0.05
-"""Share of a full cluster's events below which nothing moved: a tenth of a pixel."""
-NOISY = 0.2
-"""Share below which events that are noise alone are those of a camera at rest."""
 LEAST_FEATURES = 8
 """Number of features below which the image motion is unknown."""
 UNSURE = 4.0
@@ -77,16 +73,22 @@ class MotionCompensation:
         self._images: deque[tuple[CompensatedImage, CompensatedImage]] = deque(maxlen=frames)
         self._frame_count = 0
         self._stop, self._pause = -np.inf, 0.0
-        self.at_rest = self.hardly_moved = self.turns = self.blurred = False
+        self.hardly_moved = self.turns = self.blurred = False
         self._moving: tuple[CompensatedImage, ...] = ()
+        self._showing = False
         self._recent: Observations | None = None
         self._waiting: Observations | None = None
         self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN
         self._learned, self._doubts = 0, deque[Array](maxlen=frames)
         self._lag = StereoLag(config.lag_share, side)
         self._cluster: StereoCluster | None = None
-        self._full_count, self._way = deque[float](maxlen=USUAL), ContourWay(config.little_motion)
-        self._noise, self._missing, self._still = NoiseLevel(), MissingData(), False
+        self._way = ContourWay(config.little_motion)
+        self._rest, self._missing = Rest(), MissingData()
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moved in the latest cluster."""
+        return self._rest.at_rest
 
     @property
     def thinned(self) -> int:
@@ -98,7 +100,7 @@ class MotionCompensation:
         middle = cluster.middle
         self._pause, self._stop = cluster.start - self._stop, cluster.stop
         self._cluster, self.blurred = cluster, False
-        self.at_rest = self._is_still(cluster)
+        self._rest.see(cluster)
         before = self.hardly_moved
         self.hardly_moved = self._moved_little(cluster, middle) and not self.at_rest
         self.turns = before or self.hardly_moved
@@ -118,15 +120,16 @@ class MotionCompensation:
         elif self.at_rest:
             left, right = (self._blank(side, middle) for side in (cluster.left, cluster.right))
         elif self.hardly_moved:
-            left, right = self._moving = self._continued(cluster, middle)
+            left, right = self._continued(cluster, middle)
         else:
             flows = self._flows_in(cluster)
             left, right = both(
                 partial(self._compensated, cluster.left, flows[0], middle),
                 partial(self._compensated, cluster.right, flows[1], middle),
             )
-            if not self._still:
-                self._moving = left, right
+            self._showing = not self._rest.is_still
+        if self._showing and not self.at_rest:
+            self._moving = left, right
         return left, right
 
     def _flows_in(self, cluster: StereoCluster) -> tuple[Flow, Flow]:
@@ -166,21 +169,6 @@ class MotionCompensation:
         """Make the image of a camera at rest that saw nothing move before."""
         nothing = replace(events, parts=())
         return CompensatedImage.of_events(nothing, UNKNOWN, middle, self._side)
-
-    def _is_still(self, cluster: StereoCluster) -> bool:
-        """Compare the events of both cameras with those of recent clusters that moved, if any."""
-        count = cluster.contour_count
-        if not self._full_count:
-            rests = self._noise.may_be_noise(cluster)
-            self._still = rests is not False
-        else:
-            full = max(self._full_count)
-            rests = count < NOISY * full and self._noise.is_noise(cluster)
-            self._still = rests or count < STILL * full
-        if not self._still:
-            self._full_count.append(count)
-            self._noise.clear()
-        return bool(rests)
 
     def _moved_little(self, cluster: StereoCluster, middle: float) -> bool:
         """Return whether the contours of both cameras moved by less than a little, at `middle`."""

@@ -1,15 +1,17 @@
-"""A camera at rest sends noise from all of its sensor; one that fails sends little, of contours."""
+"""Noise is even over the sensor, contours are not; what is usual is what was seen in motion."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gpvo.config import ClusteringConfig
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.events.cluster_length import ClusterLength, ImageMotion
 from gpvo.events.flashes import FlashDetector
-from gpvo.events.noise_level import NoiseLevel
+from gpvo.events.noise_level import NoiseLevel, squared_variation
 from gpvo.recordings import Camera, Events, StereoRig
 
 SHAPE = (180, 240)
@@ -36,31 +38,48 @@ def contours(share: float, rng: np.random.Generator) -> StereoCluster:
 
 
 @pytest.mark.parametrize("rate", [0.05, 0.2, 5.0])
-def test_noise_of_any_rate_is_that_of_a_camera_at_rest(rate: float) -> None:
+def test_noise_of_any_rate_is_even(rate: float) -> None:
     level, rng = NoiseLevel(), np.random.default_rng(0)
-    judged = [level.is_noise(noise(rate, rng)) for _ in range(20)]
-    assert all(judged[4:])
+    found = [level.variation(noise(rate, rng)) for _ in range(20)]
+    assert max(abs(known) for known in found[4:] if known is not None) < 0.15
+    assert None not in found[4:]
 
 
-def test_a_stream_begins_with_noise_only_if_it_is_even() -> None:
+@pytest.mark.parametrize("share", [0.05, 0.5])
+def test_what_is_left_of_contours_is_as_uneven_as_all_of_them(share: float) -> None:
     level, rng = NoiseLevel(), np.random.default_rng(0)
-    assert level.may_be_noise(cluster(np.zeros(SHAPE, bool))) is None
-    assert level.may_be_noise(noise(1.0, rng)) is True
+    whole = NoiseLevel().variation(contours(1.0, rng))
+    for _ in range(4):
+        found = level.variation(contours(share, rng))
+    assert found == pytest.approx(whole, rel=0.2)
+
+
+def test_of_too_few_events_nothing_is_known() -> None:
+    level, rng = NoiseLevel(), np.random.default_rng(0)
+    assert level.variation(cluster(np.zeros(SHAPE, bool))) is None
+    assert level.variation(noise(1.0, rng)) is not None
     level.clear()
-    mixed = cluster(noise(1.0, rng).left.active | contours(0.9, rng).left.active)
-    assert level.may_be_noise(mixed) is False
+    assert level.variation(noise(0.01, rng)) is None
 
 
-@pytest.mark.parametrize("share", [0.0, 0.05, 0.5])
-def test_what_is_left_of_contours_is_not(share: float) -> None:
-    level, rng = NoiseLevel(), np.random.default_rng(0)
-    assert not any(level.is_noise(contours(share, rng)) for _ in range(20))
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 2.0))
+def test_noise_does_not_change_the_spread(seed: int, rate: float) -> None:
+    """n^2 (var n - mean n) / (mean n)^2 of contours alone is that among any even noise."""
+    rng = np.random.default_rng(seed)
+    rates = 20 * rng.gamma(1.0, 1.0, 2000)
+    alone, among = rng.poisson(rates), rng.poisson(rates + 20 * rate)
+    spread = [
+        counts.mean() * np.sqrt(squared_variation(counts, counts.mean()))
+        for counts in (alone, among)
+    ]
+    assert spread[1] == pytest.approx(spread[0], rel=0.15)
 
 
-def test_one_camera_alone_is_not_enough() -> None:
-    level, rng = NoiseLevel(), np.random.default_rng(0)
-    alive, dead = noise(1.0, rng), cluster(np.zeros(SHAPE, bool))
-    assert not level.is_noise(StereoCluster(0.0, 0.1, alive.left, dead.right))
+def test_noise_that_passes_a_filter_in_pairs_is_even() -> None:
+    rng = np.random.default_rng(0)
+    pairs = 2 * rng.poisson(3.0, 5000)
+    assert squared_variation(pairs, pairs.mean()) > 0.1
+    assert squared_variation(pairs, 2 * pairs.mean()) == pytest.approx(0, abs=0.01)
 
 
 def test_motion_after_rest_is_no_flash() -> None:
@@ -85,5 +104,7 @@ def test_the_cameras_may_have_other_sizes() -> None:
     y, x = (index.astype(np.uint16) for index in np.nonzero(rng.random((240, 320)) < 0.1))
     events = Events(x, y, np.full(len(x), 0.05), np.ones(len(x), bool))
     larger = ClusterEvents((events,), np.zeros((240, 320, 2), np.float32), (320, 240))
-    assert level.is_noise(StereoCluster(0.0, 0.1, larger, noise(1.0, rng).right))
-    assert not level.is_noise(StereoCluster(0.0, 0.1, larger, contours(0.5, rng).right))
+    even = level.variation(StereoCluster(0.0, 0.1, larger, noise(1.0, rng).right))
+    assert even == pytest.approx(0, abs=0.05)
+    uneven = level.variation(StereoCluster(0.0, 0.1, larger, contours(0.5, rng).right))
+    assert uneven is not None and uneven > 0.5
