@@ -20,6 +20,8 @@ FIRST = 0.2
 SHORT = 0.1
 """Duration, seconds, up to which slow motion is trusted to stay so, the least while the motion is
 unknown, and that of a camera that begins at rest."""
+BLIND = 0.25
+"""Longest duration, seconds, while the motion is unknown, and of a camera at rest: it may begin."""
 LEAST = 0.05
 """Events per pixel that a cluster may always have, and that slow motion is given time for, noise
 not counted."""
@@ -102,7 +104,8 @@ class ClusterLength:
             enough = 0.0 if at_rest else self._time_of(LEAST)
             return self._of_unknown_speed(motion, enough)
         usual = SURGE * float(median(self._counts)) if self._counts else 0.0
-        return self._duration(motion), max(round(max(usual, LEAST * self._pixels)), 1)
+        longest = BLIND if at_rest else config.window
+        return min(self._duration(motion), longest), max(round(max(usual, LEAST * self._pixels)), 1)
 
     def _of_unknown_speed(self, motion: ImageMotion, enough: float) -> tuple[float, int]:
         """Return the limits where the latest rate gives enough events in so many seconds.
@@ -116,7 +119,7 @@ class ClusterLength:
         most = FIRST * self._pixels
         if enough > SHORT:
             most = LEAST * self._pixels + self._noise_rate * enough
-        return min(max(SHORT, enough), soon, config.window), max(round(most), 1)
+        return min(max(SHORT, enough), soon, BLIND, config.window), max(round(most), 1)
 
     def _duration(self, motion: ImageMotion) -> float:
         config = self._config

@@ -21,7 +21,6 @@ from gpvo.events.noise_kernels import (
     copy_kept_kernel,
     judge_kernel,
 )
-from gpvo.events.noise_level import LEAST, UNIFORM, squared_variation
 from gpvo.events.noise_rate import (
     ISOLATED,
     WINDOW,
@@ -36,8 +35,8 @@ from gpvo.recordings import Events
 
 CLEAN = 0.75
 """Noise rate below which a stream is left alone, events per pixel and second."""
-MOST = 0.5
-"""Share of the events from which on less noise harms contours, too: in the dark."""
+MOST = 0.4
+"""Share of the events from which on less noise harms contours, too: in the dark, in slow motion."""
 FEW = 0.1
 """Share of the events below which noise does no harm: in fast motion there are many others."""
 MANY = 200_000
@@ -104,7 +103,7 @@ class EventFilter:
         self._window: int | None = None
         self._next_seen, self._aged = -1, 0
         self._judged, self._is_clean = 0, True
-        self._is_whole = True
+        self._rates, self._is_whole = np.zeros(2), True
         self._noise = deque([Noise(-np.inf, -np.inf, 0.0, 0.0)])
         self._left_out = deque[NDArray[np.float64]](), deque[NDArray[np.float64]]()
 
@@ -165,23 +164,17 @@ class EventFilter:
 
     def _learn(self, window: int, t: float) -> None:
         """Find the noise rate of the window that ended when one began with the event at `t`."""
-        now, before = noise_rate(self._isolated, self._seen, self._exposure), self._noise[-1]
-        rate, of_all = now, float(self._seen.sum() / self._exposure.sum())
-        if np.isfinite(before.begin):
-            rate = 0.7 * before.rate + 0.3 * now if self._is_whole else before.rate
-        self._is_whole = True
-        is_dark = now >= MOST * of_all and self._has_contours
-        noisy = (rate >= CLEAN or is_dark) and rate >= FEW * of_all
+        now = noise_rate(self._isolated, self._seen, self._exposure)
+        found, before = np.array([now, self._seen.sum() / self._exposure.sum()]), self._rates
+        if np.isfinite(self._noise[-1].begin):
+            found = 0.7 * before + 0.3 * found if self._is_whole else before
+        self._rates, self._is_whole = found, True
+        rate, of_all = found
+        noisy = rate > 0 and rate >= (FEW if rate >= CLEAN else MOST) * of_all
         if self._automatic:
             self._support = support_time(rate) if noisy else 0.0
         share = passing_share(rate, self._support) if self._support > 0 else 1.0
         self._noise.append(Noise(window * WINDOW, t, rate, rate * share if noisy else 0.0))
-
-    @property
-    def _has_contours(self) -> bool:
-        """Whether events of the window come from some of the sensor, as those of noise do not."""
-        seen = self._seen[self._exposure == self._exposure.max()]
-        return bool(seen.mean() >= LEAST and squared_variation(seen) >= UNIFORM)
 
     def _judge(self, events: Events, window: int, fate: NDArray[np.uint8]) -> None:
         """Write what becomes of the events (N,) of a window."""

@@ -57,7 +57,7 @@ def test_every_number_that_is_no_count_or_ratio_has_a_unit() -> None:
 
 def test_rules_and_defaults_are_those_of_the_models() -> None:
     text = configuration_tables()
-    assert "| `window` | `0.25` | `0.1` | seconds | ≥ 0.001 | Longest duration" in text
+    assert "| `window` | `0.5` | `0.1` | seconds | ≥ 0.001 | Longest duration" in text
     assert "| `max_events` | `null` | `20000` |  | > 0 |" in text
     assert "`klt` or `viso2`" in text
     named = dict(fields(Configuration()))

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from gpvo.config import ClusteringConfig
 from gpvo.events.cluster_length import (
     APART,
+    BLIND,
     FAINT,
     FIRST,
     LEAST,
@@ -97,13 +98,21 @@ def test_fast_motion_has_time_for_the_events_that_show_it() -> None:
 
 @given(st.floats(0.05, 0.95), st.floats(0, 2))
 def test_enough_events_end_the_cluster_of_a_motion_that_begins(share: float, noise: float) -> None:
-    """Where it was slow it lasts longer, but only until there are enough contours."""
+    """Where it was slow it lasts longer, but not long, and until there are enough contours."""
     known, pixels = length((240, 180), window=10.0), 240 * 180
     contours, others = share * LEAST * pixels, round(noise * LEAST * pixels)
     known.add(round(contours) + others, contours, SHORT)
     duration, most = known.limits(UNKNOWN)
-    assert duration == pytest.approx(SHORT / share)
-    assert most == pytest.approx(LEAST * pixels + others * duration / SHORT, abs=20)
+    assert duration == pytest.approx(min(SHORT / share, BLIND))
+    assert most == pytest.approx(LEAST * pixels + others / share, abs=20)
+
+
+def test_only_slow_motion_that_is_known_has_the_longest_clusters() -> None:
+    known, slow = length((240, 180), window=0.8), ImageMotion(1e-3, 0.0, 0.0)
+    assert known.limits(slow)[0] == 0.8
+    assert known.limits(slow, at_rest=True)[0] == BLIND
+    known.add(1, 1.0, SHORT)
+    assert known.limits(UNKNOWN)[0] == BLIND
 
 
 @given(st.floats(0, 1e5), st.floats(0.5, 5), st.floats(0.001, 0.05), st.floats(0, 2))

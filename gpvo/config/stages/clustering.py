@@ -11,10 +11,10 @@ class ClusteringConfig(StageConfig):
     """Section III-A.1: when a cluster of events ends."""
 
     window: float = Field(
-        default=0.25,
+        default=0.5,
         ge=1e-3,
-        description="Longest duration of a cluster, seconds: that of slow motion, and of a camera "
-        "at rest. User-specified in the paper.",
+        description="Longest duration of a cluster, seconds: that of slow motion. User-specified "
+        "in the paper.",
     )
     motion: float = Field(
         default=2.2,
