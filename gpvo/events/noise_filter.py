@@ -165,11 +165,11 @@ class EventFilter:
     def _learn(self, window: int, t: float) -> None:
         """Find the noise rate of the window that ended when one began with the event at `t`."""
         now = noise_rate(self._isolated, self._seen, self._exposure)
-        found, before = np.array([now, self._seen.sum() / self._exposure.sum()]), self._rates
+        rates, before = np.array([now, self._seen.sum() / self._exposure.sum()]), self._rates
         if np.isfinite(self._noise[-1].begin):
-            found = 0.7 * before + 0.3 * found if self._is_whole else before
-        self._rates, self._is_whole = found, True
-        rate, of_all = found
+            rates = 0.7 * before + 0.3 * rates if self._is_whole else before
+        self._rates, self._is_whole = rates, True
+        rate, of_all = rates
         noisy = rate > 0 and rate >= (FEW if rate >= CLEAN else MOST) * of_all
         if self._automatic:
             self._support = support_time(rate) if noisy else 0.0

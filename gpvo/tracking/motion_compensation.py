@@ -74,8 +74,8 @@ class MotionCompensation:
         self._frame_count = 0
         self._stop, self._pause = -np.inf, 0.0
         self.hardly_moved = self.turns = self.blurred = False
-        self._moving: tuple[CompensatedImage, ...] = ()
-        self._showing = False
+        self._moving: tuple[CompensatedImage, ...] = ()  # the latest pictures that show contours
+        self._showing = False  # whether those before do
         self._recent: Observations | None = None
         self._waiting: Observations | None = None
         self._flows: tuple[Flow, Flow] = UNKNOWN, UNKNOWN

@@ -11,16 +11,17 @@ from collections import deque
 from math import sqrt
 
 from gpvo.events import StereoCluster
-from gpvo.events.noise_level import UNIFORM, NoiseLevel
+from gpvo.events.unevenness import Unevenness
 from gpvo.tracking.contour_way import USUAL
 
 STILL = 0.05
 """Share of a full cluster's events below which nothing moved: a tenth of a pixel."""
 NOISY = 0.1
 """Share of a full cluster's spread below which events are noise: a fifth of a pixel."""
+UNIFORM = 0.2
+"""Squared coefficient of variation up to which what is left of many events is noise alone."""
 EVEN = 0.13
-"""Squared coefficient of variation up to which a stream begins at rest, as nothing is known to
-compare with: contours among much noise have 0.16."""
+"""The same as long as nothing is known to compare with: contours among much noise have 0.16."""
 
 
 class Rest:
@@ -36,12 +37,12 @@ class Rest:
 
     def __init__(self) -> None:
         self.at_rest = self.is_still = False
-        self._noise = NoiseLevel()
+        self._unevenness = Unevenness()
         self._counts, self._spreads = deque[float](maxlen=USUAL), deque[float](maxlen=USUAL)
 
     def see(self, cluster: StereoCluster) -> None:
         """Compare the events of both cameras with those of recent clusters that moved, if any."""
-        count, variation = cluster.contour_count, self._noise.variation(cluster)
+        count, variation = cluster.contour_count, self._unevenness.squared_variation(cluster)
         spread = cluster.event_count * sqrt(max(0.0, variation or 0.0))
         if not self._counts:
             self.at_rest = variation is not None and variation < EVEN
@@ -53,4 +54,4 @@ class Rest:
         if not self.is_still:
             self._counts.append(count)
             self._spreads.append(spread)
-            self._noise.clear()
+            self._unevenness.clear()

@@ -11,7 +11,7 @@ from gpvo.config import ClusteringConfig
 from gpvo.events import ClusterEvents, StereoCluster
 from gpvo.events.cluster_length import ClusterLength, ImageMotion
 from gpvo.events.flashes import FlashDetector
-from gpvo.events.noise_level import NoiseLevel, squared_variation
+from gpvo.events.unevenness import Unevenness, squared_variation
 from gpvo.recordings import Camera, Events, StereoRig
 
 SHAPE = (180, 240)
@@ -39,27 +39,27 @@ def contours(share: float, rng: np.random.Generator) -> StereoCluster:
 
 @pytest.mark.parametrize("rate", [0.05, 0.2, 5.0])
 def test_noise_of_any_rate_is_even(rate: float) -> None:
-    level, rng = NoiseLevel(), np.random.default_rng(0)
-    found = [level.variation(noise(rate, rng)) for _ in range(20)]
+    unevenness, rng = Unevenness(), np.random.default_rng(0)
+    found = [unevenness.squared_variation(noise(rate, rng)) for _ in range(20)]
     assert max(abs(known) for known in found[4:] if known is not None) < 0.15
     assert None not in found[4:]
 
 
 @pytest.mark.parametrize("share", [0.05, 0.5])
 def test_what_is_left_of_contours_is_as_uneven_as_all_of_them(share: float) -> None:
-    level, rng = NoiseLevel(), np.random.default_rng(0)
-    whole = NoiseLevel().variation(contours(1.0, rng))
+    unevenness, rng = Unevenness(), np.random.default_rng(0)
+    whole = Unevenness().squared_variation(contours(1.0, rng))
     for _ in range(4):
-        found = level.variation(contours(share, rng))
+        found = unevenness.squared_variation(contours(share, rng))
     assert found == pytest.approx(whole, rel=0.2)
 
 
 def test_of_too_few_events_nothing_is_known() -> None:
-    level, rng = NoiseLevel(), np.random.default_rng(0)
-    assert level.variation(cluster(np.zeros(SHAPE, bool))) is None
-    assert level.variation(noise(1.0, rng)) is not None
-    level.clear()
-    assert level.variation(noise(0.01, rng)) is None
+    unevenness, rng = Unevenness(), np.random.default_rng(0)
+    assert unevenness.squared_variation(cluster(np.zeros(SHAPE, bool))) is None
+    assert unevenness.squared_variation(noise(1.0, rng)) is not None
+    unevenness.clear()
+    assert unevenness.squared_variation(noise(0.01, rng)) is None
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 2.0))
@@ -100,11 +100,11 @@ def test_motion_after_rest_has_clusters_as_before() -> None:
 
 
 def test_the_cameras_may_have_other_sizes() -> None:
-    level, rng = NoiseLevel(), np.random.default_rng(0)
+    unevenness, rng = Unevenness(), np.random.default_rng(0)
     y, x = (index.astype(np.uint16) for index in np.nonzero(rng.random((240, 320)) < 0.1))
     events = Events(x, y, np.full(len(x), 0.05), np.ones(len(x), bool))
     larger = ClusterEvents((events,), np.zeros((240, 320, 2), np.float32), (320, 240))
-    even = level.variation(StereoCluster(0.0, 0.1, larger, noise(1.0, rng).right))
+    even = unevenness.squared_variation(StereoCluster(0.0, 0.1, larger, noise(1.0, rng).right))
     assert even == pytest.approx(0, abs=0.05)
-    uneven = level.variation(StereoCluster(0.0, 0.1, larger, contours(0.5, rng).right))
+    uneven = unevenness.squared_variation(StereoCluster(0.0, 0.1, larger, contours(0.5, rng).right))
     assert uneven is not None and uneven > 0.5

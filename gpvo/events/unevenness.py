@@ -1,10 +1,10 @@
-"""Tell the noise of a camera at rest from the few events that a faulty one still sends.
+"""How uneven the events of a cluster are over the sensor: noise is even, contours are not.
 
-Noise comes from all of the sensor, contours from some of it. With n events in each of many blocks
-of pixels, (var n - chance) / (mean n)^2 is the squared coefficient of variation of their rates:
-about 0 for noise, 0.3 and more for the contours of a scene, whatever share of their events is left.
-By chance var n is mean n, or mean n (1 - n / B) where n of B pixels have events. Noise that passes
-a filter has others nearby: it comes in pairs, which double its variance.
+With n events in each of many blocks of pixels, (var n - chance) / (mean n)^2 is the squared
+coefficient of variation of their rates: about 0 for noise, 0.3 and more for the contours of a
+scene, whatever share of their events is left. By chance var n is mean n, or mean n (1 - n / B)
+where n of B pixels have events. Noise that passes a filter has others nearby: it comes in pairs,
+which double its variance.
 """
 
 from __future__ import annotations
@@ -18,16 +18,15 @@ from gpvo.events.clusters import ClusterEvents, StereoCluster
 
 BLOCK = 16
 """Side of the blocks, pixels."""
-UNIFORM = 0.2
-"""Squared coefficient of variation up to which what is left of many events is noise alone."""
 LEAST = 3.0
 """Mean number of events per block below which nothing can be told."""
 REMEMBERED = 5
-"""Number of clusters that are judged together where one has too few events."""
+"""Number of clusters that are counted together where one has too few events."""
+
 Array = NDArray[np.float64]
 
 
-class NoiseLevel:
+class Unevenness:
     """Tells how uneven the events of consecutive clusters are, however few they are."""
 
     def __init__(self) -> None:
@@ -37,7 +36,7 @@ class NoiseLevel:
         """Begin again."""
         self._latest.clear()
 
-    def variation(self, cluster: StereoCluster) -> float | None:
+    def squared_variation(self, cluster: StereoCluster) -> float | None:
         """Return the mean squared coefficient of variation of both cameras' rates, if known.
 
         Where the cluster has too few events it is that of the latest ones together.
