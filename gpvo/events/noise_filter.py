@@ -164,13 +164,16 @@ class EventFilter:
 
     def _learn(self, window: int, t: float) -> None:
         """Find the noise rate of the window that ended when one began with the event at `t`."""
-        now = noise_rate(self._isolated, self._seen, self._exposure)
-        rates, before = np.array([now, self._seen.sum() / self._exposure.sum()]), self._rates
-        if np.isfinite(self._noise[-1].begin):
-            rates = 0.7 * before + 0.3 * rates if self._is_whole else before
-        self._rates, self._is_whole = rates, True
-        rate, of_all = rates
-        noisy = rate > 0 and rate >= (FEW if rate >= CLEAN else MOST) * of_all
+        noise = noise_rate(self._isolated, self._seen, self._exposure)
+        now = np.array([noise, self._seen.sum() / self._exposure.sum()])
+        if not np.isfinite(self._noise[-1].begin):
+            self._rates = now
+        elif self._is_whole:
+            self._rates = 0.7 * self._rates + 0.3 * now
+        self._is_whole = True
+        rate, of_all = self._rates
+        is_harmful = rate > 0 and (rate >= CLEAN or rate >= MOST * of_all)
+        noisy = is_harmful and rate >= FEW * now[1]
         if self._automatic:
             self._support = support_time(rate) if noisy else 0.0
         share = passing_share(rate, self._support) if self._support > 0 else 1.0

@@ -18,6 +18,11 @@ STILL = 0.05
 """Share of a full cluster's events below which nothing moved: a tenth of a pixel."""
 NOISY = 0.1
 """Share of a full cluster's spread below which events are noise: a fifth of a pixel."""
+RARE = 0.5
+"""Share of the rate of events in motion that rest has less than: flashes have more, as even.
+
+More noise is left out by the filter.
+"""
 UNIFORM = 0.2
 """Squared coefficient of variation up to which what is left of many events is noise alone."""
 EVEN = 0.13
@@ -38,20 +43,21 @@ class Rest:
     def __init__(self) -> None:
         self.at_rest = self.is_still = False
         self._unevenness = Unevenness()
-        self._counts, self._spreads = deque[float](maxlen=USUAL), deque[float](maxlen=USUAL)
+        self._moved = deque[tuple[float, float, float]](maxlen=USUAL)
 
     def see(self, cluster: StereoCluster) -> None:
         """Compare the events of both cameras with those of recent clusters that moved, if any."""
         count, variation = cluster.contour_count, self._unevenness.squared_variation(cluster)
         spread = cluster.event_count * sqrt(max(0.0, variation or 0.0))
-        if not self._counts:
+        rate = cluster.event_count / max(cluster.stop - cluster.start, 1e-9)
+        if not self._moved:
             self.at_rest = variation is not None and variation < EVEN
             self.is_still = self.at_rest or variation is None
         else:
+            full, uneven, fast = map(max, zip(*self._moved, strict=True))
             is_even = variation is not None and variation < UNIFORM
-            self.at_rest = is_even and spread < NOISY * max(self._spreads)
-            self.is_still = self.at_rest or count < STILL * max(self._counts)
+            self.at_rest = is_even and spread < NOISY * uneven and rate < RARE * fast
+            self.is_still = self.at_rest or count < STILL * full
         if not self.is_still:
-            self._counts.append(count)
-            self._spreads.append(spread)
+            self._moved.append((count, spread, rate))
             self._unevenness.clear()

@@ -48,10 +48,11 @@ def moved(noise_per_pixel: float, rng: np.random.Generator) -> Rest:
 @pytest.mark.parametrize("per_pixel", [0.02, 0.08, 0.25, 0.5])
 @pytest.mark.parametrize("before", [0.0, 0.1])
 def test_noise_of_any_length_is_rest(per_pixel: float, before: float) -> None:
+    """Here one of one event per pixel and second."""
     rng = np.random.default_rng(0)
     rest = moved(before, rng)
     for _ in range(20):
-        rest.see(cluster(noise(per_pixel, rng)))
+        rest.see(replace(cluster(noise(per_pixel, rng)), stop=per_pixel))
         assert rest.at_rest and rest.is_still
 
 
@@ -82,6 +83,17 @@ def test_without_noise_the_cameras_may_have_failed(share: float) -> None:
     for _ in range(10):
         rest.see(cluster(contours(share, rng)))
         assert rest.is_still and not rest.at_rest
+
+
+def test_what_is_left_of_a_flash_is_no_rest() -> None:
+    """It is as even as noise, but sudden."""
+    rng = np.random.default_rng(6)
+    rest = moved(0.02, rng)
+    flash = replace(cluster(noise(0.1, rng)), stop=0.001)
+    rest.see(flash)
+    assert not rest.at_rest
+    rest.see(replace(flash, stop=0.1))
+    assert rest.at_rest
 
 
 def test_one_camera_alone_is_not_enough() -> None:
